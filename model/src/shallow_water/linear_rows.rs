@@ -9,6 +9,7 @@ use super::tangent_linear::{Coefficients, load_all};
 use super::tangent_rows::IncrementRows;
 use super::{H, ShallowWater, U, V, VARIABLES};
 use crate::grid::Boundary;
+use crate::places::{Lines, One, Places, at_each_place};
 use crate::scheme::rows::{Row, RowStream};
 use crate::scheme::strips::periodic_row;
 
@@ -141,7 +142,7 @@ impl WithSimd for Push<'_, '_> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _simd: S) {
+    fn with_simd<S: Simd>(self, simd: S) {
         let Push { rows, row, north, tendency } = self;
         let LinearRows { model, lanes, steady, derivative, hyperdiffusion, .. } = rows;
         let steady: &SteadyRows = steady;
@@ -155,10 +156,10 @@ impl WithSimd for Push<'_, '_> {
         let [of_south, of_north] = [row - 1, row].map(|row| SteadyRows::number(model, row));
         if steady.is_zonal {
             let at = |row| move |quantity| steady.quantity(row, quantity)[0];
-            derivative.push(model, *lanes, north, [at(of_south), at(of_north)], out);
+            derivative.push(simd, model, *lanes, north, [at(of_south), at(of_north)], out);
         } else {
             let at = |row| move |quantity| steady.quantity(row, quantity);
-            derivative.push(model, *lanes, north, [at(of_south), at(of_north)], out);
+            derivative.push(simd, model, *lanes, north, [at(of_south), at(of_north)], out);
         }
         let n = out.len() / VARIABLES;
         let [south, north] = derivative.own_places(*lanes, n);
@@ -186,45 +187,43 @@ impl Derivative {
 
     /// Begins a sweep with a row, given the quantities of the steady state there.
     fn begin<C: Coefficient<f64>>(&mut self, lanes: usize, first: Row<'_>, at: impl Fn(usize) -> C) {
-        self.subtract(lanes, first, &at);
+        self.subtract(pulp::Scalar::new(), lanes, first, &at);
         let PlaceCoefficients { thickness_x, half_u, .. } = PlaceCoefficients::of(at);
         let stride = self.increments[1].len() / VARIABLES;
-        let at = |i| [thickness_x.at(lanes + i), half_u.at(lanes + i)];
+        let at = |i| [thickness_x.at(One, lanes + i), half_u.at(One, lanes + i)];
         self.rows.begin(Row::of(&self.increments[1], stride), at);
     }
 
     /// Takes a row, given the quantities of the steady state in the row south of it and there.
     #[inline(always)]
-    fn push<C: Coefficient<f64>>(
+    fn push<S: Simd, C: Coefficient<f64>>(
         &mut self,
+        simd: S,
         model: &ShallowWater,
         lanes: usize,
         north: Row<'_>,
         [at_s, at]: [impl Fn(usize) -> C + Copy; 2],
         out: &mut [f64],
     ) {
-        self.subtract(lanes, north, at);
+        self.subtract(simd, lanes, north, at);
         let stride = self.increments[1].len() / VARIABLES;
         let [south, north] = self.increments.each_ref().map(|row| Row::of(row, stride));
         let places = [PlaceCoefficients::of(at_s), PlaceCoefficients::of(at)];
         let term = VorticityCoefficients::of(model.form, lanes, at_s, at);
         let (out_h, winds) = out.split_at_mut(out.len() / VARIABLES);
         let (out_u, out_v) = winds.split_at_mut(out_h.len());
-        self.rows.push(Constants::new(model), places, term, south, north, [out_h, out_u, out_v]);
+        self.rows.push(simd, Constants::new(model), places, term, [south, north], [out_h, out_u, out_v]);
     }
 
     /// Keeps x − x̄ of a row.
     #[inline(always)]
-    fn subtract<C: Coefficient<f64>>(&mut self, lanes: usize, x: Row<'_>, at: impl Fn(usize) -> C) {
+    fn subtract<S: Simd, C: Coefficient<f64>>(&mut self, simd: S, lanes: usize, x: Row<'_>, at: impl Fn(usize) -> C) {
         self.increments.swap(0, 1);
         let stride = self.increments[1].len() / VARIABLES;
         for (variable, out) in self.increments[1].chunks_exact_mut(stride).enumerate() {
             let x = x.variable(variable);
-            let n = x.len();
-            let (steady, own) = (at(QUANTITIES + variable).from(lanes).take(n), &mut out[lanes..][..n]);
-            for i in 0..n {
-                own[i] = x[i] - steady.at(i);
-            }
+            let steady = at(QUANTITIES + variable).from(lanes).take(x.len());
+            at_each_place(simd, x.len(), Subtract { x, steady, out: &mut out[lanes..][..x.len()] });
             periodic_row(out, lanes);
         }
     }
@@ -236,5 +235,20 @@ impl Derivative {
             let row = Row::of(row, n + 2 * lanes);
             Row::each([H, U, V].map(|variable| &row.variable(variable)[lanes..][..n]))
         })
+    }
+}
+
+/// x − x̄.
+struct Subtract<'a, C> {
+    x: &'a [f64],
+    steady: C,
+    out: &'a mut [f64],
+}
+
+impl<C: Coefficient<f64>> Lines<f64> for Subtract<'_, C> {
+    #[inline(always)]
+    fn at<P: Places<f64>>(&mut self, places: P, first: usize) {
+        let difference = places.read(self.x, first) - self.steady.at(places, first);
+        places.write(self.out, first, difference);
     }
 }

@@ -3,6 +3,7 @@
 
 use super::rows::DiagnosticRows;
 use super::{H, ShallowWater, U, V, VectorInvariant};
+use crate::places::Places;
 use crate::scheme::rows::{Ring, Row};
 use crate::scheme::strips::periodic_row;
 use crate::stored::Stored;
@@ -36,8 +37,8 @@ pub(super) trait Coefficient<N>: Copy {
     /// No more values than this.
     fn take(self, count: usize) -> Self;
 
-    /// One of the values.
-    fn at(self, number: usize) -> N;
+    /// Those of some places.
+    fn at<P: Places<N>>(self, places: P, first: usize) -> P::Number;
 }
 
 impl<N: Stored> Coefficient<N> for &[N] {
@@ -52,8 +53,8 @@ impl<N: Stored> Coefficient<N> for &[N] {
     }
 
     #[inline(always)]
-    fn at(self, number: usize) -> N {
-        self[number]
+    fn at<P: Places<N>>(self, places: P, first: usize) -> P::Number {
+        places.read(self, first)
     }
 }
 
@@ -69,8 +70,8 @@ impl<N: Stored> Coefficient<N> for N {
     }
 
     #[inline(always)]
-    fn at(self, _number: usize) -> N {
-        self
+    fn at<P: Places<N>>(self, places: P, _first: usize) -> P::Number {
+        places.all(self)
     }
 }
 

@@ -4,6 +4,7 @@ use super::kernel::{Constants, VorticityWeights, mass_flux_tl, potential_vortici
 use super::row_coefficients::{Coefficient, PlaceCoefficients, RowCoefficients, VorticityCoefficients};
 use super::rows::{Around, DiagnosticRows, ShallowWaterRows, continue_evenly, finish_columns};
 use super::{ShallowWater, VARIABLES};
+use crate::places::{Lines, Places, at_each_place, read};
 use crate::scheme::rows::{Pushed, Row, RowStream, TangentRowStream};
 use crate::stored::Stored;
 
@@ -64,7 +65,7 @@ impl<N: Stored> WithSimd for Push<'_, '_, N> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _simd: S) {
+    fn with_simd<S: Simd>(self, simd: S) {
         let Push { rows, row, x: [x_south, x_north], dx: Pushed { south, north, tendency } } = self;
         let TangentRows { model, state, coefficients, increments, .. } = rows;
         coefficients.push(row, &state.diagnostics, x_south, x_north);
@@ -76,7 +77,7 @@ impl<N: Stored> WithSimd for Push<'_, '_, N> {
         let (out_u, out_v) = winds.split_at_mut(stride);
         let out = [out_h, out_u, out_v].map(|out| &mut out[1..][..n]);
         let term = coefficients.vorticity_term(row - 1, n);
-        increments.push(Constants::new(model), places, term, south, north, out);
+        increments.push(simd, Constants::new(model), places, term, [south, north], out);
         finish_columns(model, row, south, tendency, 1);
     }
 }
@@ -110,115 +111,139 @@ impl<N: Stored> IncrementRows<N> {
     /// southern row. Writes the derivative of the tendency of the southern row, of h, u and v, without the places at its ends,
     /// damping and walls.
     #[inline(always)]
-    pub fn push<C: Coefficient<N>>(
+    pub fn push<S: Simd, C: Coefficient<N>>(
         &mut self,
+        simd: S,
         constants: Constants<N>,
         places: [PlaceCoefficients<C>; 2],
         term: VorticityCoefficients<C>,
-        south: Row<'_, N>,
-        north: Row<'_, N>,
+        rows: [Row<'_, N>; 2],
         out: [&mut [N]; VARIABLES],
     ) {
         match self.lanes {
             // With a constant in the place of it the ends of a row are no loops.
-            1 => self.push_lanes(1, constants, places, term, south, north, out),
-            lanes => self.push_lanes(lanes, constants, places, term, south, north, out),
+            1 => self.push_lanes(simd, 1, constants, places, term, rows, out),
+            lanes => self.push_lanes(simd, lanes, constants, places, term, rows, out),
         }
     }
 
     #[inline(always)]
-    fn push_lanes<C: Coefficient<N>>(
+    fn push_lanes<'a, S: Simd, C: Coefficient<N>>(
         &mut self,
+        simd: S,
         lanes: usize,
         constants: Constants<N>,
-        places: [PlaceCoefficients<C>; 2],
+        [at_s, at]: [PlaceCoefficients<C>; 2],
         term: VorticityCoefficients<C>,
-        south: Row<'_, N>,
-        north: Row<'_, N>,
-        [out_h, out_u, out_v]: [&mut [N]; VARIABLES],
+        [south, north]: [Row<'a, N>; 2],
+        out: [&mut [N]; VARIABLES],
     ) {
         self.diagnostics.advance();
-        let DiagnosticRows { flux_x, flux_y, q, bernoulli } = &mut self.diagnostics;
-        let (flux_x, flux_y, q, b) = (&mut flux_x[2], &mut flux_y[1], &mut q[1], &mut bernoulli[1]);
-        diagnose(constants, lanes, places, south, north, flux_x, flux_y, q, b);
-        tendencies(constants, lanes, term, self.diagnostics.around(), out_h, out_u, out_v);
+        let DiagnosticRows { flux_x: [.., flux_x], flux_y: [_, flux_y], q: [_, q], bernoulli: [_, b] } =
+            &mut self.diagnostics;
+        let count = out[0].len();
+        let own = |coefficient: C| coefficient.from(lanes).take(count);
+        let part = |row: &'a [N], first: usize| &row[first..][..count];
+        let ([h_s, u_s, v_s], [h, u, v]) = (south.variables(), north.variables());
+        let lines = Diagnose {
+            constants,
+            thickness_x: own(at.thickness_x),
+            thickness_y: own(at.thickness_y),
+            per_thickness: own(at.per_thickness),
+            quarter_q: own(at.quarter_q_per_thickness),
+            half_u: own(at.half_u),
+            half_u_s: own(at_s.half_u),
+            half_u_se: own(at_s.half_u.from(lanes)),
+            half_v: own(at.half_v),
+            half_v_s: own(at_s.half_v),
+            h: [part(h, lanes), part(h, 0), part(h_s, lanes), part(h_s, 0)],
+            u: [part(u, lanes), part(u_s, lanes), part(u_s, 2 * lanes)],
+            v: [part(v, lanes), part(v, 0), part(v_s, lanes)],
+            flux_x: &mut flux_x[..count],
+            flux_y: &mut flux_y[lanes..][..count],
+            q: &mut q[..count],
+            b: &mut b[lanes..][..count],
+        };
+        at_each_place(simd, count, lines);
+        flux_x.copy_within(..lanes, count);
+        flux_y.copy_within(count..count + lanes, 0);
+        q.copy_within(..lanes, count);
+        b.copy_within(count..count + lanes, 0);
+        let [x, y] = [&term.x, &term.y].map(|it| [own(it[0]), own(it[1]), own(it[2]), own(it[3])]);
+        let at = VorticityCoefficients { x, y };
+        at_each_place(simd, count, Tendencies { constants, at, around: self.diagnostics.around(lanes, count), out });
     }
 }
 
-/// δU, δV and δq of the northern row, δB of the southern, in one loop.
-#[inline(always)]
-fn diagnose<N: Stored, C: Coefficient<N>>(
+/// δU, δV and δq of the northern row, δB of the southern.
+struct Diagnose<'a, N, C> {
     constants: Constants<N>,
-    lanes: usize,
-    [at_s, at]: [PlaceCoefficients<C>; 2],
-    south: Row<'_, N>,
-    north: Row<'_, N>,
-    flux_x: &mut [N],
-    flux_y: &mut [N],
-    potential_vorticity: &mut [N],
-    bernoulli: &mut [N],
-) {
-    let [h_s, u_s, v_s] = south.variables();
-    let [h, u, v] = north.variables();
-    let n = h.len() - 2 * lanes;
-    {
-        let own = |coefficient: C| coefficient.from(lanes).take(n);
-        let (thickness_x, thickness_y) = (own(at.thickness_x), own(at.thickness_y));
-        let (per_thickness, quarter_q) = (own(at.per_thickness), own(at.quarter_q_per_thickness));
-        let (half_u, half_v, half_v_s) = (own(at.half_u), own(at.half_v), own(at_s.half_v));
-        let (half_u_s, half_u_se) = (own(at_s.half_u), own(at_s.half_u.from(lanes)));
-        let (h, h_w, h_s, h_sw) = (&h[lanes..][..n], &h[..n], &h_s[lanes..][..n], &h_s[..n]);
-        let (u, u_s, u_se) = (&u[lanes..][..n], &u_s[lanes..][..n], &u_s[2 * lanes..][..n]);
-        let (v, v_w, v_s) = (&v[lanes..][..n], &v[..n], &v_s[lanes..][..n]);
-        let (flux_x, flux_y) = (&mut flux_x[..n], &mut flux_y[lanes..][..n]);
-        let (q, b) = (&mut potential_vorticity[..n], &mut bernoulli[lanes..][..n]);
-        // What is written comes last, so that what is read is read once.
-        for i in 0..n {
-            let sum_x = h[i] + h_w[i];
-            let of_x = mass_flux_tl(thickness_x.at(i), half_u.at(i), sum_x, u[i]);
-            let of_y = mass_flux_tl(thickness_y.at(i), half_v.at(i), h[i] + h_s[i], v[i]);
-            let vorticity = constants.vorticity([u[i], u_s[i]], [v[i], v_w[i]]);
-            let h_sum = sum_x + (h_s[i] + h_sw[i]);
-            let of_q = potential_vorticity_tl(per_thickness.at(i), quarter_q.at(i), vorticity, h_sum);
-            let (half_u, half_v) = ([half_u_s.at(i), half_u_se.at(i)], [half_v_s.at(i), half_v.at(i)]);
-            let of_b = constants.bernoulli_tl(half_u, half_v, h_s[i], [u_s[i], u_se[i]], [v_s[i], v[i]]);
-            (flux_x[i], flux_y[i], q[i], b[i]) = (of_x, of_y, of_q, of_b);
-        }
+    thickness_x: C,
+    thickness_y: C,
+    per_thickness: C,
+    quarter_q: C,
+    half_u: C,
+    half_u_s: C,
+    half_u_se: C,
+    half_v: C,
+    half_v_s: C,
+    /// Of the place, west, south and south-west of it.
+    h: [&'a [N]; 4],
+    /// Of the place, south and south-east of it.
+    u: [&'a [N]; 3],
+    /// Of the place, west and south of it.
+    v: [&'a [N]; 3],
+    flux_x: &'a mut [N],
+    flux_y: &'a mut [N],
+    q: &'a mut [N],
+    b: &'a mut [N],
+}
+
+impl<N: Stored, C: Coefficient<N>> Lines<N> for Diagnose<'_, N, C> {
+    #[inline(always)]
+    fn at<P: Places<N>>(&mut self, places: P, first: usize) {
+        let Self { constants, h, u, v, .. } = self;
+        let constants = constants.at(places);
+        let [h, h_w, h_s, h_sw] = read(places, first, h);
+        let [u, u_s, u_se] = read(places, first, u);
+        let [v, v_w, v_s] = read(places, first, v);
+        let at = |coefficient: C| coefficient.at(places, first);
+        let (sum, half_v) = (h + h_w, at(self.half_v));
+        let flux_x = mass_flux_tl(at(self.thickness_x), at(self.half_u), sum, u);
+        let flux_y = mass_flux_tl(at(self.thickness_y), half_v, h + h_s, v);
+        let vorticity = constants.vorticity([u, u_s], [v, v_w]);
+        let q = potential_vorticity_tl(at(self.per_thickness), at(self.quarter_q), vorticity, sum + (h_s + h_sw));
+        let (half_u, half_v) = ([at(self.half_u_s), at(self.half_u_se)], [at(self.half_v_s), half_v]);
+        let b = constants.bernoulli_tl(half_u, half_v, h_s, [u_s, u_se], [v_s, v]);
+        places.write(self.flux_x, first, flux_x);
+        places.write(self.flux_y, first, flux_y);
+        places.write(self.q, first, q);
+        places.write(self.b, first, b);
     }
-    flux_x.copy_within(..lanes, n);
-    flux_y.copy_within(n..n + lanes, 0);
-    potential_vorticity.copy_within(..lanes, n);
-    bernoulli.copy_within(n..n + lanes, 0);
 }
 
 /// The tendencies of a row.
-#[inline(always)]
-fn tendencies<N: Stored, C: Coefficient<N>>(
+struct Tendencies<'a, N, C> {
     constants: Constants<N>,
-    lanes: usize,
     at: VorticityCoefficients<C>,
-    around: Around<'_, N>,
-    out_h: &mut [N],
-    out_u: &mut [N],
-    out_v: &mut [N],
-) {
-    let Around { flux_x_s, flux_x, flux_y, flux_y_n, q, q_n, b_s, b } = around;
-    let n = out_h.len();
-    let [of_q, of_q_n, of_v, of_v_n] = at.x.map(|coefficient| coefficient.from(lanes).take(n));
-    let [of_q_y, of_q_e, of_u, of_u_e] = at.y.map(|coefficient| coefficient.from(lanes).take(n));
-    let (u, u_e, u_s, u_se) = (&flux_x[..n], &flux_x[lanes..][..n], &flux_x_s[..n], &flux_x_s[lanes..][..n]);
-    let (v, v_w, v_n, v_nw) = (&flux_y[lanes..][..n], &flux_y[..n], &flux_y_n[lanes..][..n], &flux_y_n[..n]);
-    let (q, q_e, q_n) = (&q[..n], &q[lanes..][..n], &q_n[..n]);
-    let (b, b_w, b_s) = (&b[lanes..][..n], &b[..n], &b_s[lanes..][..n]);
-    let (out_u, out_v) = (&mut out_u[..n], &mut out_v[..n]);
-    for i in 0..n {
-        let x = VorticityWeights { of_q: [of_q.at(i), of_q_n.at(i)], of_flux: [of_v.at(i), of_v_n.at(i)] };
-        let y = VorticityWeights { of_q: [of_q_y.at(i), of_q_e.at(i)], of_flux: [of_u.at(i), of_u_e.at(i)] };
-        let q_v = x.apply([q[i], q_n[i]], [v[i] + v_w[i], v_n[i] + v_nw[i]]);
-        let q_u = y.apply([q[i], q_e[i]], [u[i] + u_s[i], u_e[i] + u_se[i]]);
-        let of_h = constants.minus_divergence([u[i], u_e[i]], [v[i], v_n[i]]);
-        let of_u = constants.minus_gradient_x(b_w[i], b[i]) + q_v;
-        let of_v = constants.minus_gradient_y(b_s[i], b[i]) - q_u;
-        (out_h[i], out_u[i], out_v[i]) = (of_h, of_u, of_v);
+    around: Around<&'a [N]>,
+    out: [&'a mut [N]; VARIABLES],
+}
+
+impl<N: Stored, C: Coefficient<N>> Lines<N> for Tendencies<'_, N, C> {
+    #[inline(always)]
+    fn at<P: Places<N>>(&mut self, places: P, first: usize) {
+        let constants = self.constants.at(places);
+        let at = |pair: &[C]| [pair[0].at(places, first), pair[1].at(places, first)];
+        let VorticityCoefficients { x, y } = &self.at;
+        let x = VorticityWeights { of_q: at(&x[..2]), of_flux: at(&x[2..]) };
+        let y = VorticityWeights { of_q: at(&y[..2]), of_flux: at(&y[2..]) };
+        let Around { u, u_e, u_s, u_se, v, v_w, v_n, v_nw, q, q_e, q_n, b, b_w, b_s } = self.around.at(places, first);
+        let of_u = constants.minus_gradient_x(b_w, b) + x.apply([q, q_n], [v + v_w, v_n + v_nw]);
+        let of_v = constants.minus_gradient_y(b_s, b) - y.apply([q, q_e], [u + u_s, u_e + u_se]);
+        let [out_h, out_u, out_v] = &mut self.out;
+        places.write(out_h, first, constants.minus_divergence([u, u_e], [v, v_n]));
+        places.write(out_u, first, of_u);
+        places.write(out_v, first, of_v);
     }
 }
