@@ -53,6 +53,9 @@ pub trait Arithmetic: Number + Debug + Default + PartialEq + AddAssign + SubAssi
     /// Cuts a row into vectors.
     fn as_vectors_mut<S: Simd>(row: &mut [Self]) -> &mut [Self::Vector<S>];
 
+    /// The numbers of a vector.
+    fn numbers<S: Simd>(vector: &Self::Vector<S>) -> &[Self];
+
     /// The number in all lanes.
     fn splat<S: Simd>(simd: S, value: Self) -> Self::Vector<S>;
 
@@ -103,6 +106,11 @@ macro_rules! arithmetic {
             #[inline(always)]
             fn as_vectors_mut<S: Simd>(row: &mut [Self]) -> &mut [S::$vector] {
                 S::$cut_mut(row).0
+            }
+
+            #[inline(always)]
+            fn numbers<S: Simd>(vector: &S::$vector) -> &[Self] {
+                pulp::bytemuck::cast_slice(std::slice::from_ref(vector))
             }
 
             #[inline(always)]

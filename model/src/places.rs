@@ -52,8 +52,17 @@ pub(crate) trait Places<N>: Copy {
     /// Those of a row from one of its places on.
     fn read(self, row: &[N], first: usize) -> Self::Number;
 
+    /// Those of a row of coefficients, with one for each place.
+    #[inline(always)]
+    fn coefficient(self, row: &[N], first: usize) -> Self::Number {
+        self.read(row, first)
+    }
+
     /// Puts them into a row from one of its places on.
     fn write(self, row: &mut [N], first: usize, numbers: Self::Number);
+
+    /// The same in the precision of the row.
+    fn store<M: Stored>(self, row: &mut [M], first: usize, numbers: Self::Number);
 }
 
 /// One place.
@@ -76,6 +85,11 @@ impl<N: Stored> Places<N> for One {
     #[inline(always)]
     fn write(self, row: &mut [N], first: usize, number: N) {
         row[first] = number;
+    }
+
+    #[inline(always)]
+    fn store<M: Stored>(self, row: &mut [M], first: usize, number: N) {
+        row[first] = M::narrow(number.widen());
     }
 }
 
@@ -100,6 +114,47 @@ impl<S: Simd, N: Stored> Places<N> for Vectors<S> {
     fn write(self, row: &mut [N], first: usize, numbers: Vector<S, N>) {
         N::as_vectors_mut::<S>(&mut row[first..first + N::lanes::<S>()])[0] = numbers.numbers;
     }
+
+    #[inline(always)]
+    fn store<M: Stored>(self, row: &mut [M], first: usize, numbers: Vector<S, N>) {
+        let row = &mut row[first..first + N::lanes::<S>()];
+        row.iter_mut()
+            .zip(N::numbers::<S>(&numbers.numbers))
+            .for_each(|(out, number)| *out = M::narrow(number.widen()));
+    }
+}
+
+/// Some of the columns of a group at one place.
+#[derive(Clone, Copy)]
+struct OfGroup<S>(Vectors<S>);
+
+impl<S: Simd, N: Stored> Places<N> for OfGroup<S> {
+    type Number = Vector<S, N>;
+
+    #[inline(always)]
+    fn all(self, number: N) -> Vector<S, N> {
+        self.0.all(number)
+    }
+
+    #[inline(always)]
+    fn read(self, row: &[N], first: usize) -> Vector<S, N> {
+        self.0.read(row, first)
+    }
+
+    #[inline(always)]
+    fn coefficient(self, row: &[N], first: usize) -> Vector<S, N> {
+        self.0.all(row[first / N::COLUMNS])
+    }
+
+    #[inline(always)]
+    fn write(self, row: &mut [N], first: usize, numbers: Vector<S, N>) {
+        self.0.write(row, first, numbers);
+    }
+
+    #[inline(always)]
+    fn store<M: Stored>(self, row: &mut [M], first: usize, numbers: Vector<S, N>) {
+        self.0.store(row, first, numbers);
+    }
 }
 
 /// Numbers of several rows. (A loop and not [`array::map`], which need not be inlined, and is then compiled for no vectors.)
@@ -112,6 +167,20 @@ pub(crate) fn read<N, P: Places<N>, const ROWS: usize>(
     let mut numbers = [places.read(rows[0], first); ROWS];
     for row in 1..ROWS {
         numbers[row] = places.read(rows[row], first);
+    }
+    numbers
+}
+
+/// The same of rows of coefficients.
+#[inline(always)]
+pub(crate) fn coefficients<N, P: Places<N>, const ROWS: usize>(
+    places: P,
+    first: usize,
+    rows: &[&[N]; ROWS],
+) -> [P::Number; ROWS] {
+    let mut numbers = [places.coefficient(rows[0], first); ROWS];
+    for row in 1..ROWS {
+        numbers[row] = places.coefficient(rows[row], first);
     }
     numbers
 }
@@ -140,4 +209,14 @@ pub(crate) fn at_each_place<S: Simd, N: Stored>(simd: S, count: usize, mut lines
     }
     // The last places that fill a vector, some of which may have been done.
     lines.at(Vectors(simd), last);
+}
+
+/// Evaluates the lines for each column of a group at `count` places.
+#[inline(always)]
+pub(crate) fn at_each_place_of_group<S: Simd, N: Stored>(simd: S, count: usize, mut lines: impl Lines<N>) {
+    for part in (0..N::COLUMNS).step_by(N::lanes::<S>()) {
+        for place in 0..count {
+            lines.at(OfGroup(Vectors(simd)), place * N::COLUMNS + part);
+        }
+    }
 }

@@ -22,7 +22,7 @@
 //! R. Sadourny (1975): The dynamics of finite-difference models of the shallow-water equations. J. Atmos. Sci. 32.
 
 mod adjoint;
-mod adjoint_lanes;
+mod adjoint_lines;
 mod adjoint_rows;
 mod damping;
 mod hyperdiffusion;

@@ -1,12 +1,14 @@
 //! The coefficients of f' in the rows of a sweep, computed once for all columns, in double precision, and kept in that of the
 //! columns.
 
-use super::rows::DiagnosticRows;
+use super::rows::{Around, DiagnosticRows};
 use super::{H, ShallowWater, U, V, VectorInvariant};
-use crate::places::Places;
+use crate::arithmetic::Number;
+use crate::places::{Lines, Places, at_each_place, read};
 use crate::scheme::rows::{Ring, Row};
 use crate::scheme::strips::periodic_row;
 use crate::stored::Stored;
+use pulp::Simd;
 
 /// Of each of the latest rows, each quantity at all places, with the place before the first and that after the last.
 pub(super) struct RowCoefficients<N = f64> {
@@ -152,50 +154,33 @@ impl<N: Stored> RowCoefficients<N> {
     pub fn begin(&mut self, row: isize, x: Row<'_>) {
         self.len = x.variable(H).len() + 2;
         let [.., half_u, half_v, _, _, _, _] = self.quantities_mut(row);
-        halve(x.variable(U), half_u);
-        halve(x.variable(V), half_v);
+        halve(pulp::Scalar::new(), x.variable(U), half_u);
+        halve(pulp::Scalar::new(), x.variable(V), half_v);
     }
 
     /// Takes row `row` of the state, `north`, the row south of it, and the diagnostic rows once it was pushed. The places of
     /// that row are known from now on, and the vorticity term south of it.
     #[inline(always)]
-    pub fn push(&mut self, row: isize, rows: &DiagnosticRows, south: Row<'_>, north: Row<'_>) {
+    pub fn push<S: Simd>(&mut self, simd: S, row: isize, rows: &DiagnosticRows, south: Row<'_>, north: Row<'_>) {
         let (h, h_s, form) = (north.variable(H), south.variable(H), self.form);
         let n = h.len();
         let [thickness_x, thickness_y, per_thickness, quarter_q, half_u, half_v, a, b, c, _] = self.quantities_mut(row);
-        halve(north.variable(U), half_u);
-        halve(north.variable(V), half_v);
-        thickness_of(h, h_s, &rows.q[1], [thickness_x, thickness_y, per_thickness, quarter_q]);
+        halve(simd, north.variable(U), half_u);
+        halve(simd, north.variable(V), half_v);
+        thickness_of(simd, h, h_s, &rows.q[1], [thickness_x, thickness_y, per_thickness, quarter_q]);
         if form == VectorInvariant::Energy {
-            let (u_s, u, v_w, v) =
-                (&rows.flux_x[1][..n], &rows.flux_x[2][..n], &rows.flux_y[1][..n], &rows.flux_y[1][1..][..n]);
-            let (q, a_own, b_own, c_own) = (&rows.q[1][..n], &mut a[1..][..n], &mut b[1..][..n], &mut c[1..][..n]);
-            for i in 0..n {
-                a_own[i] = N::narrow(0.25 * (v[i] + v_w[i]));
-                b_own[i] = N::narrow(0.25 * q[i]);
-                c_own[i] = N::narrow(0.25 * (u[i] + u_s[i]));
-            }
-            for row in [a, b, c] {
-                periodic_row(row, 1);
-            }
+            let (flux_x_s, flux_x, flux_y) = (&rows.flux_x[1], &rows.flux_x[2], &rows.flux_y[1]);
+            means(simd, 0.25, [&flux_y[1..], flux_y], a, n);
+            means(simd, 0.25, [&rows.q[1]], b, n);
+            means(simd, 0.25, [flux_x, flux_x_s], c, n);
             return;
         }
         let [.., a, b, c, d] = self.quantities_mut(row - 1);
-        let (q, q_e, q_n) = (&rows.q[0][..n], &rows.q[0][1..][..n], &rows.q[1][..n]);
-        let (u_s, u_se) = (&rows.flux_x[0][..n], &rows.flux_x[0][1..][..n]);
-        let (u, u_e) = (&rows.flux_x[1][..n], &rows.flux_x[1][1..][..n]);
-        let (v_w, v) = (&rows.flux_y[0][..n], &rows.flux_y[0][1..][..n]);
-        let (v_nw, v_n) = (&rows.flux_y[1][..n], &rows.flux_y[1][1..][..n]);
-        let (a_own, b_own, c_own, d_own) = (&mut a[1..][..n], &mut b[1..][..n], &mut c[1..][..n], &mut d[1..][..n]);
-        for i in 0..n {
-            a_own[i] = N::narrow(0.125 * (v_w[i] + v[i] + v_nw[i] + v_n[i]));
-            b_own[i] = N::narrow(0.125 * (q[i] + q_n[i]));
-            c_own[i] = N::narrow(0.125 * (u[i] + u_e[i] + u_s[i] + u_se[i]));
-            d_own[i] = N::narrow(0.125 * (q[i] + q_e[i]));
-        }
-        for row in [a, b, c, d] {
-            periodic_row(row, 1);
-        }
+        let Around { u, u_e, u_s, u_se, v, v_w, v_n, v_nw, q, q_e, q_n, .. } = rows.around(1, n);
+        means(simd, 0.125, [v_w, v, v_nw, v_n], a, n);
+        means(simd, 0.125, [q, q_n], b, n);
+        means(simd, 0.125, [u, u_e, u_s, u_se], c, n);
+        means(simd, 0.125, [q, q_e], d, n);
     }
 
     /// Those of a row, at the `n` places in its middle.
@@ -229,34 +214,79 @@ impl<N: Stored> RowCoefficients<N> {
 
 /// Half a row, periodic.
 #[inline(always)]
-fn halve<N: Stored>(of: &[f64], out: &mut [N]) {
-    for (out, of) in out[1..].iter_mut().zip(of) {
-        *out = N::narrow(0.5 * of);
+fn halve<S: Simd, N: Stored>(simd: S, of: &[f64], out: &mut [N]) {
+    means(simd, 0.5, [of], out, of.len());
+}
+
+/// The sum of `n` places of some rows, in their order, times a factor, periodic.
+#[inline(always)]
+fn means<S: Simd, N: Stored, const ROWS: usize>(simd: S, factor: f64, rows: [&[f64]; ROWS], out: &mut [N], n: usize) {
+    let mut rows = rows;
+    for row in &mut rows {
+        *row = &row[..n];
     }
+    at_each_place(simd, n, Mean { factor, rows, out: &mut out[1..][..n] });
     periodic_row(out, 1);
+}
+
+struct Mean<'a, N, const ROWS: usize> {
+    factor: f64,
+    rows: [&'a [f64]; ROWS],
+    out: &'a mut [N],
+}
+
+impl<N: Stored, const ROWS: usize> Lines<f64> for Mean<'_, N, ROWS> {
+    #[inline(always)]
+    fn at<P: Places<f64>>(&mut self, places: P, first: usize) {
+        let mut sum = places.read(self.rows[0], first);
+        for row in 1..ROWS {
+            sum = sum + places.read(self.rows[row], first);
+        }
+        places.store(self.out, first, sum.times(self.factor));
+    }
 }
 
 /// h̄ˣ, h̄ʸ, 1/h̄ˣʸ and q/(4 h̄ˣʸ).
 #[inline(always)]
-fn thickness_of<N: Stored>(h: &[f64], h_s: &[f64], q: &[f64], out: [&mut [N]; 4]) {
+fn thickness_of<S: Simd, N: Stored>(simd: S, h: &[f64], h_s: &[f64], q: &[f64], out: [&mut [N]; 4]) {
     let last = h.len() - 1;
-    let place = |h: f64, h_w: f64, h_s: f64, h_sw: f64, q: f64| {
-        let per_sum = 1.0 / (h + h_w + h_s + h_sw);
-        let (thickness_x, thickness_y) = (N::narrow(0.5 * (h + h_w)), N::narrow(0.5 * (h + h_s)));
-        (thickness_x, thickness_y, N::narrow(4.0 * per_sum), N::narrow(q * per_sum))
-    };
     let [thickness_x, thickness_y, per_thickness, quarter_q] = out;
-    (thickness_x[1], thickness_y[1], per_thickness[1], quarter_q[1]) = place(h[0], h[last], h_s[0], h_s[last], q[0]);
-    {
-        let (h, h_w, h_s, h_sw, q) = (&h[1..], &h[..last], &h_s[1..][..last], &h_s[..last], &q[1..][..last]);
-        let (thickness_x, thickness_y) = (&mut thickness_x[2..][..last], &mut thickness_y[2..][..last]);
-        let (per_thickness, quarter_q) = (&mut per_thickness[2..][..last], &mut quarter_q[2..][..last]);
-        for i in 0..last {
-            (thickness_x[i], thickness_y[i], per_thickness[i], quarter_q[i]) =
-                place(h[i], h_w[i], h_s[i], h_sw[i], q[i]);
-        }
+    // The first place, west of which the last is, and the others.
+    for (own, west, count) in [(0, last, 1), (1, 0, last)] {
+        let lines = Thickness {
+            h: [&h[own..][..count], &h[west..][..count], &h_s[own..][..count], &h_s[west..][..count]],
+            q: &q[own..][..count],
+            thickness_x: &mut thickness_x[1 + own..][..count],
+            thickness_y: &mut thickness_y[1 + own..][..count],
+            per_thickness: &mut per_thickness[1 + own..][..count],
+            quarter_q: &mut quarter_q[1 + own..][..count],
+        };
+        at_each_place(simd, count, lines);
     }
     for row in [thickness_x, thickness_y, per_thickness, quarter_q] {
         periodic_row(row, 1);
+    }
+}
+
+/// Rows of what [`thickness_of`] takes and gives.
+struct Thickness<'a, N> {
+    /// Of the place, west, south and south-west of it.
+    h: [&'a [f64]; 4],
+    q: &'a [f64],
+    thickness_x: &'a mut [N],
+    thickness_y: &'a mut [N],
+    per_thickness: &'a mut [N],
+    quarter_q: &'a mut [N],
+}
+
+impl<N: Stored> Lines<f64> for Thickness<'_, N> {
+    #[inline(always)]
+    fn at<P: Places<f64>>(&mut self, places: P, first: usize) {
+        let [h, h_w, h_s, h_sw] = read(places, first, &self.h);
+        let per_sum = places.all(1.0) / (h + h_w + h_s + h_sw);
+        places.store(self.thickness_x, first, (h + h_w).times(0.5));
+        places.store(self.thickness_y, first, (h + h_s).times(0.5));
+        places.store(self.per_thickness, first, per_sum.times(4.0));
+        places.store(self.quarter_q, first, places.read(self.q, first) * per_sum);
     }
 }

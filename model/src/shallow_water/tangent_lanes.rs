@@ -84,7 +84,7 @@ impl<N: Stored> WithSimd for Push<'_, '_, N> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let Push { rows, row, x: [x_south, x_north], dx: Pushed { south, north, tendency } } = self;
-        rows.coefficients.push(row, &rows.state.diagnostics, x_south, x_north);
+        rows.coefficients.push(simd, row, &rows.state.diagnostics, x_south, x_north);
         for_vectors!(S, N, P => push::<S, N, P>(simd, rows, row, south, north, tendency));
         finish_columns(rows.model, row, south, tendency, N::COLUMNS);
     }

@@ -68,7 +68,7 @@ impl<N: Stored> WithSimd for Push<'_, '_, N> {
     fn with_simd<S: Simd>(self, simd: S) {
         let Push { rows, row, x: [x_south, x_north], dx: Pushed { south, north, tendency } } = self;
         let TangentRows { model, state, coefficients, increments, .. } = rows;
-        coefficients.push(row, &state.diagnostics, x_south, x_north);
+        coefficients.push(simd, row, &state.diagnostics, x_south, x_north);
         let coefficients = &*coefficients;
         let stride = tendency.len() / VARIABLES;
         let n = stride - 2;
