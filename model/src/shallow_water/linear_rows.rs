@@ -7,7 +7,7 @@ use super::row_coefficients::{Coefficient, PlaceCoefficients, QUANTITIES, Vortic
 use super::rows::{continue_evenly, finish_winds};
 use super::tangent_linear::{Coefficients, load_all};
 use super::tangent_rows::IncrementRows;
-use super::{H, ShallowWater, U, V, VARIABLES};
+use super::{ShallowWater, U, V, VARIABLES};
 use crate::grid::Boundary;
 use crate::places::{Lines, One, Places, at_each_place};
 use crate::scheme::rows::{Row, RowStream};
@@ -153,7 +153,7 @@ impl WithSimd for Push<'_, '_> {
                 &mut hyperdiffusion.pending
             }
         };
-        let [of_south, of_north] = [row - 1, row].map(|row| SteadyRows::number(model, row));
+        let (of_south, of_north) = (SteadyRows::number(model, row - 1), SteadyRows::number(model, row));
         if steady.is_zonal {
             let at = |row| move |quantity| steady.quantity(row, quantity)[0];
             derivative.push(simd, model, *lanes, north, [at(of_south), at(of_north)], out);
@@ -207,7 +207,8 @@ impl Derivative {
     ) {
         self.subtract(simd, lanes, north, at);
         let stride = self.increments[1].len() / VARIABLES;
-        let [south, north] = self.increments.each_ref().map(|row| Row::of(row, stride));
+        let [south, north] = &self.increments;
+        let (south, north) = (Row::of(south, stride), Row::of(north, stride));
         let places = [PlaceCoefficients::of(at_s), PlaceCoefficients::of(at)];
         let term = VorticityCoefficients::of(model.form, lanes, at_s, at);
         let (out_h, winds) = out.split_at_mut(out.len() / VARIABLES);
@@ -231,10 +232,12 @@ impl Derivative {
     /// x − x̄ of the `n` values of the southern row and of the one pushed last.
     #[inline(always)]
     fn own_places(&self, lanes: usize, n: usize) -> [Row<'_>; 2] {
-        self.increments.each_ref().map(|row| {
-            let row = Row::of(row, n + 2 * lanes);
-            Row::each([H, U, V].map(|variable| &row.variable(variable)[lanes..][..n]))
-        })
+        let own = |row| {
+            let [h, u, v] = Row::of(row, n + 2 * lanes).variables();
+            Row::each([&h[lanes..][..n], &u[lanes..][..n], &v[lanes..][..n]])
+        };
+        let [south, north] = &self.increments;
+        [own(south), own(north)]
     }
 }
 

@@ -129,14 +129,14 @@ impl<C: Copy> VorticityCoefficients<C> {
     where
         C: Coefficient<N>,
     {
-        let [a, b, c] = [OF_Q_AT_X_FACES, OF_FLUX_AT_X_FACES, OF_Q_AT_Y_FACES].map(&quantity);
+        let (a, b, c) = (quantity(OF_Q_AT_X_FACES), quantity(OF_FLUX_AT_X_FACES), quantity(OF_Q_AT_Y_FACES));
         match form {
             VectorInvariant::PotentialEnstrophy => {
                 let d = quantity(OF_FLUX_AT_Y_FACES);
                 Self { x: [a, a, b, b], y: [c, c, d, d] }
             }
             VectorInvariant::Energy => {
-                let [a_n, b_n] = [OF_Q_AT_X_FACES, OF_FLUX_AT_X_FACES].map(of_north);
+                let (a_n, b_n) = (of_north(OF_Q_AT_X_FACES), of_north(OF_FLUX_AT_X_FACES));
                 Self { x: [a, a_n, b, b_n], y: [c, c.from(lanes), b, b.from(lanes)] }
             }
         }

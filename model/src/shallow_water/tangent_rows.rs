@@ -72,10 +72,10 @@ impl<N: Stored> WithSimd for Push<'_, '_, N> {
         let coefficients = &*coefficients;
         let stride = tendency.len() / VARIABLES;
         let n = stride - 2;
-        let places = [row - 1, row].map(|row| coefficients.places(row, n));
+        let places = [coefficients.places(row - 1, n), coefficients.places(row, n)];
         let (out_h, winds) = tendency.split_at_mut(stride);
         let (out_u, out_v) = winds.split_at_mut(stride);
-        let out = [out_h, out_u, out_v].map(|out| &mut out[1..][..n]);
+        let out = [&mut out_h[1..][..n], &mut out_u[1..][..n], &mut out_v[1..][..n]];
         let term = coefficients.vorticity_term(row - 1, n);
         increments.push(simd, Constants::new(model), places, term, [south, north], out);
         finish_columns(model, row, south, tendency, 1);
@@ -169,7 +169,8 @@ impl<N: Stored> IncrementRows<N> {
         flux_y.copy_within(count..count + lanes, 0);
         q.copy_within(..lanes, count);
         b.copy_within(count..count + lanes, 0);
-        let [x, y] = [&term.x, &term.y].map(|it| [own(it[0]), own(it[1]), own(it[2]), own(it[3])]);
+        let VorticityCoefficients { x: [a, b, c, d], y: [e, f, g, h] } = term;
+        let (x, y) = ([own(a), own(b), own(c), own(d)], [own(e), own(f), own(g), own(h)]);
         let at = VorticityCoefficients { x, y };
         at_each_place(simd, count, Tendencies { constants, at, around: self.diagnostics.around(lanes, count), out });
     }
