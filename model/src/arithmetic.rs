@@ -3,25 +3,32 @@
 
 use pulp::Simd;
 use std::fmt::Debug;
-use std::ops::{Add, AddAssign, Mul, Sub, SubAssign};
+use std::ops::{Add, AddAssign, Div, Mul, Sub, SubAssign};
+
+/// A number, or one for each of several places.
+pub trait Number: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self> {
+    /// The number times a factor.
+    fn times(self, factor: f64) -> Self;
+}
+
+impl Number for f64 {
+    #[inline(always)]
+    fn times(self, factor: f64) -> Self {
+        factor * self
+    }
+}
+
+impl Number for f32 {
+    #[inline(always)]
+    fn times(self, factor: f64) -> Self {
+        factor as f32 * self
+    }
+}
 
 /// A number with its vector operations; sealed, as nothing outside of this crate can name it.
 ///
 /// No operations are fused or reordered, so that the bits are the same on all processors.
-pub trait Arithmetic:
-    Copy
-    + Debug
-    + Default
-    + PartialEq
-    + Add<Output = Self>
-    + Sub<Output = Self>
-    + Mul<Output = Self>
-    + AddAssign
-    + SubAssign
-    + Send
-    + Sync
-    + 'static
-{
+pub trait Arithmetic: Number + Debug + Default + PartialEq + AddAssign + SubAssign + Send + Sync + 'static {
     /// A number for each of the columns that are advanced together.
     type Place: Copy + AsRef<[Self]> + AsMut<[Self]>;
 
@@ -46,6 +53,9 @@ pub trait Arithmetic:
     /// Cuts a row into vectors.
     fn as_vectors_mut<S: Simd>(row: &mut [Self]) -> &mut [Self::Vector<S>];
 
+    /// The numbers of a vector.
+    fn numbers<S: Simd>(vector: &Self::Vector<S>) -> &[Self];
+
     /// The number in all lanes.
     fn splat<S: Simd>(simd: S, value: Self) -> Self::Vector<S>;
 
@@ -57,13 +67,16 @@ pub trait Arithmetic:
 
     /// a b.
     fn product<S: Simd>(simd: S, a: Self::Vector<S>, b: Self::Vector<S>) -> Self::Vector<S>;
+
+    /// a / b.
+    fn quotient<S: Simd>(simd: S, a: Self::Vector<S>, b: Self::Vector<S>) -> Self::Vector<S>;
 }
 
 /// Implements [`Arithmetic`] by the functions of [`Simd`] for a number.
 macro_rules! arithmetic {
     (
         $number:ty, $columns:literal, $vector:ident, $lanes:ident,
-        $cut:ident, $cut_mut:ident, $splat:ident, $sum:ident, $difference:ident, $product:ident
+        $cut:ident, $cut_mut:ident, $splat:ident, $sum:ident, $difference:ident, $product:ident, $quotient:ident
     ) => {
         impl Arithmetic for $number {
             type Place = [Self; $columns];
@@ -96,6 +109,11 @@ macro_rules! arithmetic {
             }
 
             #[inline(always)]
+            fn numbers<S: Simd>(vector: &S::$vector) -> &[Self] {
+                pulp::bytemuck::cast_slice(std::slice::from_ref(vector))
+            }
+
+            #[inline(always)]
             fn splat<S: Simd>(simd: S, value: Self) -> S::$vector {
                 simd.$splat(value)
             }
@@ -114,9 +132,38 @@ macro_rules! arithmetic {
             fn product<S: Simd>(simd: S, a: S::$vector, b: S::$vector) -> S::$vector {
                 simd.$product(a, b)
             }
+
+            #[inline(always)]
+            fn quotient<S: Simd>(simd: S, a: S::$vector, b: S::$vector) -> S::$vector {
+                simd.$quotient(a, b)
+            }
         }
     };
 }
 
-arithmetic!(f64, 8, f64s, F64_LANES, as_simd_f64s, as_mut_simd_f64s, splat_f64s, add_f64s, sub_f64s, mul_f64s);
-arithmetic!(f32, 16, f32s, F32_LANES, as_simd_f32s, as_mut_simd_f32s, splat_f32s, add_f32s, sub_f32s, mul_f32s);
+arithmetic!(
+    f64,
+    8,
+    f64s,
+    F64_LANES,
+    as_simd_f64s,
+    as_mut_simd_f64s,
+    splat_f64s,
+    add_f64s,
+    sub_f64s,
+    mul_f64s,
+    div_f64s
+);
+arithmetic!(
+    f32,
+    16,
+    f32s,
+    F32_LANES,
+    as_simd_f32s,
+    as_mut_simd_f32s,
+    splat_f32s,
+    add_f32s,
+    sub_f32s,
+    mul_f32s,
+    div_f32s
+);

@@ -96,10 +96,20 @@ impl Model for Forced {
     }
 
     fn step(&self, x: &mut State) {
-        let time = time_of(x);
-        self.add_half(time, false, x.values_mut());
-        self.model.step(x);
-        self.add_half(time, true, x.values_mut());
+        self.steps(std::slice::from_mut(x), 1);
+    }
+
+    fn best_together(&self) -> usize {
+        self.model.best_together()
+    }
+
+    fn steps(&self, states: &mut [State], steps: usize) {
+        for _ in 0..steps {
+            states.iter_mut().for_each(|x| self.add_half(time_of(x), false, x.values_mut()));
+            let times: Vec<Time> = states.iter().map(time_of).collect();
+            self.model.steps(states, 1);
+            times.iter().zip(&mut *states).for_each(|(&time, x)| self.add_half(time, true, x.values_mut()));
+        }
     }
 }
 

@@ -83,6 +83,7 @@ mod halo;
 pub mod increment;
 pub mod initial;
 pub mod invariants;
+mod places;
 pub mod random;
 mod readable;
 pub mod scheme;

@@ -181,9 +181,9 @@ fn bands_on_several_threads_give_the_bits_of_one() {
     }
 }
 
-/// Rows of 150 places are swept in three strips, rows of 81 in two, those of a column alone from 289 on: the tangent-linear and
-/// the adjoint of whole fields to rounding, and a column has the bits it has alone, whatever its place in a group, the others,
-/// and the steps taken at once.
+/// With four stages rows of 150 places are swept in three strips, rows of 81 in two, those of a column alone and with leapfrog
+/// from 289 on: the tangent-linear and the adjoint of whole fields to rounding, and a column has the bits it has alone, whatever
+/// its place in a group, the others, and the steps taken at once.
 #[test]
 fn strips_give_the_tangent_linear_and_the_adjoint_of_whole_fields() {
     for (nx, ny, boundary, form, hyperdiffusion_m4_per_s) in [

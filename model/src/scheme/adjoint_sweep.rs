@@ -37,7 +37,7 @@ pub(crate) fn sweep_ad<T: Tendency>(tendency: &T, scheme: Scheme<'_>, states: &[
     let states: Vec<Cow<'_, [f64]>> =
         states.iter().map(|state| linearised_at(tendency, &state.values()[..level])).collect();
     let sweep = |lanes: Lanes| {
-        let places = lanes.most_places(grid.nx, reach.of_x as usize);
+        let places = lanes.most_places(grid.nx, reach.stages, reach.of_x as usize);
         let stream = |stage| tendency.adjoint_row_stream(places, lanes, reach.delay(stage));
         let streams: Option<Vec<_>> = (0..scheme.stages()).map(stream).collect();
         Some(AdjointWavefront::new(scheme, reach, streams?, grid, variables, lanes))
@@ -115,11 +115,11 @@ impl<'a> AdjointWavefront<'a> {
         lanes: Lanes,
     ) -> Self {
         let (stages, shape) = (streams.len(), [grid.nx, grid.ny]);
-        let places = lanes.most_places(grid.nx, reach.of_x as usize);
-        let y_places = lanes.most_places(grid.nx, reach.of_y as usize);
+        let places = lanes.most_places(grid.nx, stages, reach.of_x as usize);
+        let y_places = lanes.most_places(grid.nx, stages, reach.of_y as usize);
         let row_len = variables * (y_places + 2) * lanes.count::<f64>();
         let of_stage = reach.of_stage as usize;
-        let reader = |_| StripReader::new(variables, shape, lanes, reach.of_y as usize);
+        let reader = |_| StripReader::new(variables, shape, lanes, stages, reach.of_y as usize);
         Self {
             arch: Arch::new(),
             scheme,
@@ -129,7 +129,7 @@ impl<'a> AdjointWavefront<'a> {
             streams,
             reach,
             pushed: [vec![0; stages], vec![0; stages]],
-            strip: Strip::of_row(grid.nx, lanes, reach.of_x as usize)[0],
+            strip: Strip::of_row(grid.nx, lanes, stages, reach.of_x as usize)[0],
             x: Stages::new(stages, of_stage, variables * places),
             y: Ring::new(row_len, reach.of_y as usize + 1),
             inputs: (0..stages).map(|_| Ring::new(row_len, 2)).collect(),
@@ -143,7 +143,7 @@ impl<'a> AdjointWavefront<'a> {
     /// Takes the columns back by a step from each of the states, in place.
     fn take_back(&mut self, states: &[Cow<'_, [f64]>], columns: &mut [f64]) {
         for at in states.iter().rev() {
-            for strip in Strip::of_row(self.grid.nx, self.lanes, self.reach.of_x as usize) {
+            for strip in Strip::of_row(self.grid.nx, self.lanes, self.reach.stages, self.reach.of_x as usize) {
                 self.strip = strip;
                 self.sweep_strip(at, columns);
             }

@@ -72,8 +72,8 @@ pub trait RowStream: Send {
         1
     }
 
-    /// Begins a sweep with its first row.
-    fn begin(&mut self, first: Row<'_>);
+    /// Begins a sweep with its first row, numbered as in a [`TangentRowStream`].
+    fn begin(&mut self, row: isize, first: Row<'_>);
 
     /// The row beyond a wall, `[variable, x]`, given the row beside it.
     fn beyond_wall(&self, x: Row<'_>, ghost: &mut [f64]);

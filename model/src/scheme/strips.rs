@@ -32,17 +32,19 @@ impl Lanes {
         }
     }
 
-    /// Rows longer than the first are cut into strips no wider than the second, not counting the places on either side.
-    fn limits(self) -> [usize; 2] {
+    /// Rows longer than the first are cut into strips no wider than the second, not counting the places on either side. A sweep
+    /// over a group works with about 1.2 kB of each place and stage.
+    fn limits(self, stages: usize) -> [usize; 2] {
+        const ALONE: [usize; 2] = [MOST_PLACES, 240];
         match self {
-            Lanes::One => [MOST_PLACES, 240],
-            Lanes::Group => [80, 64],
+            Lanes::One => ALONE,
+            Lanes::Group => [ALONE[0].min(320 / stages), ALONE[1].min(256 / stages)],
         }
     }
 
-    /// The most places of a sweep over rows of `nx`.
-    pub(crate) fn most_places(self, nx: usize, reach: usize) -> usize {
-        let [longest, width] = self.limits();
+    /// The most places of a sweep of so many stages over rows of `nx`.
+    pub(crate) fn most_places(self, nx: usize, stages: usize, reach: usize) -> usize {
+        let [longest, width] = self.limits(stages);
         if nx <= longest { nx } else { width + 2 * reach }
     }
 }
@@ -61,9 +63,9 @@ pub(crate) struct Strip {
 }
 
 impl Strip {
-    /// The strips of a row, for a sweep that reaches `reach` places.
-    pub fn of_row(nx: usize, lanes: Lanes, reach: usize) -> Vec<Strip> {
-        let [longest, width] = lanes.limits();
+    /// The strips of a row, for a sweep of so many stages that reaches `reach` places.
+    pub fn of_row(nx: usize, lanes: Lanes, stages: usize, reach: usize) -> Vec<Strip> {
+        let [longest, width] = lanes.limits(stages);
         if nx <= longest {
             return vec![Strip { first: 0, width: nx, reach: 0, nx }];
         }
@@ -120,9 +122,9 @@ pub(crate) struct StripReader<N = f64> {
 }
 
 impl<N: Stored> StripReader<N> {
-    /// For columns with this number of variables, each of `ny` rows of `nx`.
-    pub fn new(variables: usize, [nx, ny]: [usize; 2], lanes: Lanes, reach: usize) -> Self {
-        let (longest, lanes) = (lanes.limits()[0], lanes.count::<N>());
+    /// For columns with this number of variables, each of `ny` rows of `nx`, and a sweep as in [`Strip::of_row`].
+    pub fn new(variables: usize, [nx, ny]: [usize; 2], lanes: Lanes, stages: usize, reach: usize) -> Self {
+        let (longest, lanes) = (lanes.limits(stages)[0], lanes.count::<N>());
         let reach = if nx <= longest { 0 } else { reach * lanes };
         let edges = variables * ny * reach;
         Self {

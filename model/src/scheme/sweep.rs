@@ -103,11 +103,11 @@ impl<'a> Wavefront<'a> {
         self.pushed[stage] += 1;
         if self.pushed[stage] == 1 {
             if !band.walls().0 {
-                return stream.begin(north);
+                return stream.begin(row, north);
             }
             stream.beyond_wall(north, &mut self.ghost);
             let ghost = Row::of(&self.ghost, self.row_len);
-            stream.begin(ghost);
+            stream.begin(row - 1, ghost);
             stream.push(band.grid_row(row), ghost, north, slopes.row_mut(known));
             // The row beyond the wall stands for all rows there within reach.
             self.pushed[stage] += self.reach;

@@ -57,7 +57,7 @@ fn sweep_in<T: Tendency, N: Stored>(
     // A state at which another is linearised stays as it is.
     let between: Between<'_> = if follows_state(tendency, at) { between } else { &|_, _| () };
     let sweep = |lanes: Lanes| {
-        let stream = |_| tendency.tangent_row_stream(lanes.most_places(grid.nx, reach), lanes);
+        let stream = |_| tendency.tangent_row_stream(lanes.most_places(grid.nx, scheme.stages(), reach), lanes);
         let streams: Option<Vec<_>> = (0..scheme.stages()).map(stream).collect();
         Some(TangentWavefront::new(scheme, streams?, grid, variables, lanes))
     };
@@ -103,7 +103,7 @@ impl<'a, N: Stored> TangentWavefront<'a, N> {
     ) -> Self {
         let (stages, of_stage) = (streams.len(), streams[0].reach());
         let reach = of_stage * stages;
-        let places = lanes.most_places(grid.nx, reach);
+        let places = lanes.most_places(grid.nx, stages, reach);
         let row_len = variables * (places + 2) * lanes.count::<N>();
         Self {
             arch: Arch::new(),
@@ -114,11 +114,11 @@ impl<'a, N: Stored> TangentWavefront<'a, N> {
             pushed: vec![0; stages],
             stage_reach: of_stage as isize,
             total_reach: reach as isize,
-            strip: Strip::of_row(grid.nx, lanes, reach)[0],
+            strip: Strip::of_row(grid.nx, lanes, stages, reach)[0],
             streams,
             x: Stages::new(stages, of_stage, variables * places),
             dx: Stages::new(stages, of_stage, row_len),
-            reader: StripReader::new(variables, [grid.nx, grid.ny], lanes, reach),
+            reader: StripReader::new(variables, [grid.nx, grid.ny], lanes, stages, reach),
             first_rows: Ring::new(row_len, reach),
             at: [Vec::new(), Vec::new()],
             last_step: false,
@@ -132,7 +132,7 @@ impl<'a, N: Stored> TangentWavefront<'a, N> {
         before.resize(if steps > 2 { start.len() } else { 0 }, 0.0);
         for step in 1..=steps {
             self.last_step = step == steps;
-            for strip in Strip::of_row(self.grid.nx, self.lanes, self.total_reach as usize) {
+            for strip in Strip::of_row(self.grid.nx, self.lanes, self.streams.len(), self.total_reach as usize) {
                 self.strip = strip;
                 self.sweep_strip(if step == 1 { start } else { &before }, &mut after, columns);
             }

@@ -16,7 +16,7 @@ use pulp::{Arch, Simd, WithSimd};
 
 /// How the values of a row lie.
 #[derive(Clone, Copy, PartialEq)]
-enum Arrangement {
+pub(super) enum Arrangement {
     /// `[variable, x, lane]` with this number of lanes.
     Fields(usize),
     /// `[variable, x, lane]` with this number of lanes, and with the place before the first and that after the last.
@@ -59,8 +59,8 @@ impl RowStream for HyperdiffusedRows<'_> {
         2
     }
 
-    fn begin(&mut self, first: Row<'_>) {
-        self.inner.begin(first);
+    fn begin(&mut self, row: isize, first: Row<'_>) {
+        self.inner.begin(row, first);
     }
 
     fn beyond_wall(&self, x: Row<'_>, ghost: &mut [f64]) {
@@ -194,7 +194,7 @@ impl AdjointRowStream for HyperdiffusedAdjointRows<'_> {
 }
 
 /// −ν L(L x) of a sweep over rows, and what it waits for.
-struct Damping<'a, N = f64> {
+pub(super) struct Damping<'a, N = f64> {
     model: &'a ShallowWater,
     arch: Arch,
     arrangement: Arrangement,
@@ -203,11 +203,12 @@ struct Damping<'a, N = f64> {
     /// L x of the three rows south of it, from the south, of each variable.
     laplacians: [[Vec<N>; VARIABLES]; 3],
     /// The other terms of the row south of it.
-    pending: Vec<N>,
+    pub pending: Vec<N>,
 }
 
 impl<'a, N: Stored> Damping<'a, N> {
-    fn new(model: &'a ShallowWater, arrangement: Arrangement, nx: usize) -> Self {
+    /// For rows of at most `nx` places.
+    pub fn new(model: &'a ShallowWater, arrangement: Arrangement, nx: usize) -> Self {
         let row = |_| vec![N::default(); nx * arrangement.stride()];
         let rows = || std::array::from_fn(row);
         let pending = match arrangement {
@@ -218,12 +219,12 @@ impl<'a, N: Stored> Damping<'a, N> {
     }
 
     /// The other terms of the row two rows south of the one that is pushed now.
-    fn release(&self, tendency: &mut [N]) {
+    pub fn release(&self, tendency: &mut [N]) {
         tendency.copy_from_slice(&self.pending[..tendency.len()]);
     }
 
     /// Takes a row and the one south of it; damps the tendency of the row two rows south.
-    fn push(&mut self, row: isize, south: Row<'_, N>, north: Row<'_, N>, tendency: &mut [N]) {
+    pub fn push(&mut self, row: isize, south: Row<'_, N>, north: Row<'_, N>, tendency: &mut [N]) {
         self.laplacians.rotate_left(1);
         let (arch, (weights, _), stride) = (self.arch, self.weights(), self.arrangement.stride());
         let rows = south.variables::<VARIABLES>().into_iter().zip(north.variables::<VARIABLES>());
@@ -249,7 +250,7 @@ impl<'a, N: Stored> Damping<'a, N> {
     }
 
     /// The damped tendency of the row beside the northern wall, that beyond it having been pushed.
-    fn finish(&mut self, tendency: &mut [N]) {
+    pub fn finish(&mut self, tendency: &mut [N]) {
         self.release(tendency);
         self.laplacians.rotate_left(1);
         let [_, beside, beyond] = &mut self.laplacians;

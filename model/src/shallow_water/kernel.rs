@@ -1,9 +1,11 @@
-//! The equations of a place, each once, with its derivative beside it: [`super::rows`] takes them row by row,
+//! The equations of a place, or of several at once, each once, with its derivative beside it: [`super::rows`] takes them row by row,
 //! [`super::tangent_rows`] the derivatives row by row, and [`super::tangent_linear`] field by field; [`super::adjoint_rows`] and
-//! [`super::adjoint`] have their transposes. [`super::tangent_lanes`] and [`super::adjoint_lanes`] are the same lines in vector
+//! [`super::adjoint`] have their transposes. [`super::tangent_lanes`] are the same lines in vector
 //! operations, for a group of columns at once.
 
 use super::{ShallowWater, VectorInvariant};
+use crate::arithmetic::Number;
+use crate::places::Places;
 use crate::stored::Stored;
 use pulp::Simd;
 
@@ -19,38 +21,38 @@ pub(super) struct Constants<N = f64> {
 }
 
 /// The diagnostic quantities of a place.
-pub(super) struct Diagnosed {
+pub(super) struct Diagnosed<N> {
     /// U at the western face \[m² s⁻¹\].
-    pub mass_flux_x: f64,
+    pub mass_flux_x: N,
     /// V at the southern face \[m² s⁻¹\].
-    pub mass_flux_y: f64,
+    pub mass_flux_y: N,
     /// q at the south-western corner \[m⁻¹ s⁻¹\].
-    pub potential_vorticity: f64,
+    pub potential_vorticity: N,
     /// B at the centre of the place south-west of it \[m² s⁻²\].
-    pub bernoulli: f64,
+    pub bernoulli: N,
 }
 
 /// U = h̄ˣ u, V = h̄ʸ v: of the thickness on either side of a face and the wind through it.
 #[inline(always)]
-pub(super) fn mass_flux(h: [f64; 2], wind: f64) -> f64 {
-    0.5 * (h[0] + h[1]) * wind
+pub(super) fn mass_flux<N: Number>(h: [N; 2], wind: N) -> N {
+    (h[0] + h[1]).times(0.5) * wind
 }
 
 /// δU = h̄ˣ δu + (u/2) (δh + δh\[W\]), and δV.
 #[inline(always)]
-pub(super) fn mass_flux_tl<N: Stored>(thickness: N, half_wind: N, h_sum: N, wind: N) -> N {
+pub(super) fn mass_flux_tl<N: Number>(thickness: N, half_wind: N, h_sum: N, wind: N) -> N {
     wind * thickness + h_sum * half_wind
 }
 
 /// q = (f + ζ) / h̄ˣʸ, of the sum of the thickness around the corner.
 #[inline(always)]
-pub(super) fn potential_vorticity(coriolis: f64, vorticity: f64, h_sum: f64) -> f64 {
-    4.0 * (coriolis + vorticity) / h_sum
+pub(super) fn potential_vorticity<N: Number>(coriolis: N, vorticity: N, h_sum: N) -> N {
+    (coriolis + vorticity).times(4.0) / h_sum
 }
 
 /// δq = δζ / h̄ˣʸ − q / (4 h̄ˣʸ) Σ δh.
 #[inline(always)]
-pub(super) fn potential_vorticity_tl<N: Stored>(per_thickness: N, quarter_q: N, vorticity: N, h_sum: N) -> N {
+pub(super) fn potential_vorticity_tl<N: Number>(per_thickness: N, quarter_q: N, vorticity: N, h_sum: N) -> N {
     vorticity * per_thickness - h_sum * quarter_q
 }
 
@@ -69,6 +71,18 @@ impl<N: Stored> Constants<N> {
         [self.gravity, self.per_dx, self.per_dy].map(|value| N::splat(simd, value))
     }
 
+    /// The same at several places.
+    #[inline(always)]
+    pub fn at<P: Places<N>>(self, places: P) -> Constants<P::Number> {
+        Constants {
+            gravity: places.all(self.gravity),
+            per_dx: places.all(self.per_dx),
+            per_dy: places.all(self.per_dy),
+        }
+    }
+}
+
+impl<N: Number> Constants<N> {
     /// ζ = δx v/dx − δy u/dy of u, u\[S\] and v, v\[W\]; δζ likewise.
     #[inline(always)]
     pub fn vorticity(self, [u, u_s]: [N; 2], [v, v_w]: [N; 2]) -> N {
@@ -100,24 +114,22 @@ impl<N: Stored> Constants<N> {
     pub fn minus_gradient_y(self, b_s: N, b: N) -> N {
         (b_s - b) * self.per_dy
     }
-}
 
-impl Constants {
     /// B = g h + mean_x(u²)/2 + mean_y(v²)/2 of u, u\[E\] and v, v\[N\].
     #[inline(always)]
-    pub fn bernoulli(self, h: f64, [u, u_e]: [f64; 2], [v, v_n]: [f64; 2]) -> f64 {
-        self.gravity * h + 0.25 * (u * u + u_e * u_e + v * v + v_n * v_n)
+    pub fn bernoulli(self, h: N, [u, u_e]: [N; 2], [v, v_n]: [N; 2]) -> N {
+        self.gravity * h + (u * u + u_e * u_e + v * v + v_n * v_n).times(0.25)
     }
 
     /// All diagnostic quantities: of h, h\[W\], h\[S\], h\[SW\], of u, u\[S\], u\[SW\] and of v, v\[W\], v\[SW\].
     #[inline(always)]
     pub fn place(
         self,
-        coriolis: f64,
-        [h, h_w, h_s, h_sw]: [f64; 4],
-        [u, u_s, u_sw]: [f64; 3],
-        [v, v_w, v_sw]: [f64; 3],
-    ) -> Diagnosed {
+        coriolis: N,
+        [h, h_w, h_s, h_sw]: [N; 4],
+        [u, u_s, u_sw]: [N; 3],
+        [v, v_w, v_sw]: [N; 3],
+    ) -> Diagnosed<N> {
         let vorticity = self.vorticity([u, u_s], [v, v_w]);
         Diagnosed {
             mass_flux_x: mass_flux([h, h_w], u),
@@ -131,19 +143,19 @@ impl Constants {
 impl VectorInvariant {
     /// q V in ∂u/∂t: q̄ʸ V̄ˣʸ or mean_y(q V̄ˣ), of q, q\[N\] and V, V\[W\], V\[N\], V\[NW\].
     #[inline(always)]
-    pub(super) fn q_v(self, [q, q_n]: [f64; 2], [v, v_w, v_n, v_nw]: [f64; 4]) -> f64 {
+    pub(super) fn q_v<N: Number>(self, [q, q_n]: [N; 2], [v, v_w, v_n, v_nw]: [N; 4]) -> N {
         match self {
-            VectorInvariant::PotentialEnstrophy => 0.125 * (q + q_n) * (v + v_w + v_n + v_nw),
-            VectorInvariant::Energy => 0.25 * (q * (v + v_w) + q_n * (v_n + v_nw)),
+            VectorInvariant::PotentialEnstrophy => (q + q_n).times(0.125) * (v + v_w + v_n + v_nw),
+            VectorInvariant::Energy => (q * (v + v_w) + q_n * (v_n + v_nw)).times(0.25),
         }
     }
 
     /// q U in −∂v/∂t: q̄ˣ Ūˣʸ or mean_x(q Ūʸ), of q, q\[E\] and U, U\[E\], U\[S\], U\[SE\].
     #[inline(always)]
-    pub(super) fn q_u(self, [q, q_e]: [f64; 2], [u, u_e, u_s, u_se]: [f64; 4]) -> f64 {
+    pub(super) fn q_u<N: Number>(self, [q, q_e]: [N; 2], [u, u_e, u_s, u_se]: [N; 4]) -> N {
         match self {
-            VectorInvariant::PotentialEnstrophy => 0.125 * (q + q_e) * (u + u_e + u_s + u_se),
-            VectorInvariant::Energy => 0.25 * (q * (u + u_s) + q_e * (u_e + u_se)),
+            VectorInvariant::PotentialEnstrophy => (q + q_e).times(0.125) * (u + u_e + u_s + u_se),
+            VectorInvariant::Energy => (q * (u + u_s) + q_e * (u_e + u_se)).times(0.25),
         }
     }
 }
@@ -157,7 +169,7 @@ pub(super) struct VorticityWeights<N> {
     pub of_flux: [N; 2],
 }
 
-impl<N: Stored> VorticityWeights<N> {
+impl<N: Number> VorticityWeights<N> {
     /// δ(q V) of δq at either corner and the sum of the δV beside either corner, or δ(q U).
     #[inline(always)]
     pub fn apply(self, q: [N; 2], flux: [N; 2]) -> N {

@@ -1,9 +1,11 @@
 //! Shallow water linearised about a steady zonal basic state.
 
+use super::linear_rows::{LinearRows, SteadyRows};
 use super::{Coefficients, ShallowWater};
 use crate::error::{ModelError, require, require_finite, require_positive};
 use crate::grid::Boundary;
-use crate::scheme::rows::{AdjointRowStream, Pushed, Row, TangentRowStream};
+use crate::scheme::rows::{AdjointRowStream, Pushed, Row, RowStream, TangentRowStream};
+use crate::scheme::sweep::tendency_by_rows;
 use crate::scheme::{Lanes, SpectralBounds, Tendency};
 use crate::state::{Layout, State};
 use crate::stored::Stored;
@@ -12,9 +14,9 @@ use std::sync::Arc;
 
 /// dx/dt = N'(x̄)(x − x̄): the [`ShallowWater`] tendency N linearised about a steady zonal flow x̄.
 ///
-/// There is one implementation of N'(x̄), the tangent-linear of the nonlinear model: row by row for increments, and on whole
-/// fields, with coefficients computed once, for the state and the adjoint. The forecast of a total state x then differs from
-/// that of its increment by x̄, which stays as it is; drag and hyperdiffusion act on the increment alone.
+/// There is one implementation of N'(x̄), the tangent-linear of the nonlinear model: row by row, with coefficients computed once
+/// for the state and beside the sweep for increments, and on whole fields for the start of leapfrog. The forecast of a total
+/// state x then differs from that of its increment by x̄, which stays as it is; drag and hyperdiffusion act on the increment alone.
 ///
 /// For [`LinearShallowWater::about_uniform_flow`] the mean depth is uniform although the mean flow would need a
 /// slope −f ū/g of the surface: that slope is the bottom's, as usual (the textbook equations with constant
@@ -24,6 +26,7 @@ pub struct LinearShallowWater {
     nonlinear: ShallowWater,
     basic_state: State,
     coefficients: Coefficients,
+    rows: SteadyRows,
     bounds: SpectralBounds,
 }
 
@@ -107,8 +110,9 @@ impl LinearShallowWater {
 
     fn about(nonlinear: ShallowWater, basic_state: State) -> Self {
         let coefficients = Coefficients::new(&nonlinear, basic_state.values());
+        let rows = SteadyRows::new(&nonlinear, basic_state.values(), &coefficients);
         let bounds = nonlinear.spectral_bounds(basic_state.values());
-        Self { nonlinear, basic_state, coefficients, bounds }
+        Self { nonlinear, basic_state, coefficients, rows, bounds }
     }
 }
 
@@ -120,7 +124,7 @@ impl Tendency for LinearShallowWater {
     }
 
     fn scratch_len(&self) -> usize {
-        self.nonlinear.scratch_len() + self.nonlinear.layout.len()
+        self.nonlinear.scratch_len()
     }
 
     #[inline(always)]
@@ -128,13 +132,12 @@ impl Tendency for LinearShallowWater {
         self.nonlinear.constrain(x);
     }
 
-    #[inline(always)]
-    fn tendency(&self, x: &[f64], out: &mut [f64], scratch: &mut [f64]) {
-        let (scratch, increment) = scratch.split_at_mut(self.nonlinear.scratch_len());
-        for ((increment, x), basic) in increment.iter_mut().zip(x).zip(self.basic_state.values()) {
-            *increment = x - basic;
-        }
-        self.nonlinear.tendency_tl(&self.coefficients, increment, out, scratch);
+    fn tendency(&self, x: &[f64], out: &mut [f64], _scratch: &mut [f64]) {
+        tendency_by_rows(self, x, out);
+    }
+
+    fn row_stream(&self, nx: usize, lanes: usize) -> Option<Box<dyn RowStream + '_>> {
+        Some(Box::new(LinearRows::new(&self.nonlinear, &self.rows, nx, lanes)))
     }
 
     fn linearised_at<'a>(&'a self, _at: &'a [f64]) -> &'a [f64] {
@@ -142,7 +145,7 @@ impl Tendency for LinearShallowWater {
     }
 
     fn tangent_row_stream<N: Stored>(&self, nx: usize, lanes: Lanes) -> Option<Box<dyn TangentRowStream<N> + '_>> {
-        Some(Box::new(SteadyRows(self.nonlinear.tangent_row_stream(nx, lanes)?)))
+        Some(Box::new(SteadyTangentRows(self.nonlinear.tangent_row_stream(nx, lanes)?)))
     }
 
     fn adjoint_row_stream(&self, nx: usize, lanes: Lanes, delay: usize) -> Option<Box<dyn AdjointRowStream + '_>> {
@@ -168,9 +171,9 @@ impl Tendency for LinearShallowWater {
 }
 
 /// N' row by row at a state that stays as it is, whatever N of it: the basic state at every stage of every step.
-struct SteadyRows<'a, N>(Box<dyn TangentRowStream<N> + 'a>);
+struct SteadyTangentRows<'a, N>(Box<dyn TangentRowStream<N> + 'a>);
 
-impl<N: Stored> TangentRowStream<N> for SteadyRows<'_, N> {
+impl<N: Stored> TangentRowStream<N> for SteadyTangentRows<'_, N> {
     fn reach(&self) -> usize {
         self.0.reach()
     }
@@ -226,5 +229,88 @@ impl AdjointRowStream for SteadyAdjointRows<'_> {
 
     fn finish(&mut self, out: &mut [f64]) {
         self.0.finish(out);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::forecast::Model;
+    use crate::grid::Grid;
+    use crate::initial::{RandomConfig, random_balanced};
+    use crate::random::{standard_normals, stream};
+    use crate::scheme::{Stepped, TimeScheme};
+    use crate::shallow_water::{ShallowWaterParameters, VectorInvariant};
+    use crate::time::Duration;
+
+    /// Linearised about a uniform flow, and about one that is not even steady, whose coefficients differ from place to place.
+    fn models(
+        nx: usize,
+        ny: usize,
+        boundary: Boundary,
+        form: VectorInvariant,
+        damped: bool,
+    ) -> [LinearShallowWater; 2] {
+        let grid = Grid { nx, ny, dx_m: 100e3, dy_m: 80e3, boundary };
+        let parameters = ShallowWaterParameters {
+            coriolis_per_s: 1e-4,
+            beta_per_m_per_s: if boundary == Boundary::Channel { 1.6e-11 } else { 0.0 },
+            drag_per_s: 1e-5,
+            hyperdiffusion_m4_per_s: if damped { 5e14 } else { 0.0 },
+            ..Default::default()
+        };
+        let nonlinear = ShallowWater::new(grid, parameters, form).unwrap();
+        let config = RandomConfig { mean_depth_m: 1000.0, height_standard_deviation_m: 25.0, length_scale_m: 300e3 };
+        let any = random_balanced(&nonlinear, &config, &mut stream(5, "basic state")).unwrap();
+        let uniform = LinearShallowWater::about_uniform_flow(nonlinear.clone(), 900.0, 20.0).unwrap();
+        [uniform, LinearShallowWater::about(nonlinear, any)]
+    }
+
+    /// A state near the basic one.
+    fn near(model: &LinearShallowWater, number: u64) -> State {
+        let mut x = model.basic_state.clone();
+        let normals = standard_normals(&mut stream(number, "state"), x.values().len());
+        crate::vector::axpy(2.0, &normals, x.values_mut());
+        model.constrain(x.values_mut());
+        x
+    }
+
+    #[test]
+    fn rows_give_the_derivative_of_whole_fields_and_states_together_what_they_are_alone() {
+        for (boundary, form) in [Boundary::Periodic, Boundary::Channel].into_iter().flat_map(|boundary| {
+            [VectorInvariant::PotentialEnstrophy, VectorInvariant::Energy].map(|form| (boundary, form))
+        }) {
+            for (nx, ny, damped) in [(14, 11, false), (14, 11, true), (4, 4, true), (33, 5, false), (16, 6, true)] {
+                for model in models(nx, ny, boundary, form, damped) {
+                    check_tendency(&model);
+                    check_together(model);
+                }
+            }
+        }
+    }
+
+    fn check_tendency(model: &LinearShallowWater) {
+        let x = near(model, 1);
+        let increment = crate::vector::difference(x.values(), model.basic_state.values());
+        let [mut rows, mut whole] = [vec![0.0; increment.len()], vec![0.0; increment.len()]];
+        let mut scratch = vec![0.0; model.scratch_len()];
+        model.tendency(x.values(), &mut rows, &mut scratch);
+        model.tendency_tl(&(), &increment, &mut whole, &mut scratch);
+        let cells = model.layout().grid.cells();
+        for (rows, whole) in rows.chunks_exact(cells).zip(whole.chunks_exact(cells)) {
+            let error = super::super::largest(&crate::vector::difference(rows, whole));
+            assert!(error < 1e-14 * super::super::largest(whole), "{error:e}");
+        }
+    }
+
+    fn check_together(model: LinearShallowWater) {
+        let starts: Vec<State> = (0..7).map(|number| near(&model, number)).collect();
+        let model = Stepped::new(model, Duration::from_seconds(200), TimeScheme::Rk4).unwrap();
+        let mut together = starts.clone();
+        model.steps(&mut together, 3);
+        for (mut alone, together) in starts.into_iter().zip(together) {
+            (0..3).for_each(|_| model.step(&mut alone));
+            assert!(alone.first_non_finite().is_none() && alone == together);
+        }
     }
 }

@@ -22,13 +22,14 @@
 //! R. Sadourny (1975): The dynamics of finite-difference models of the shallow-water equations. J. Atmos. Sci. 32.
 
 mod adjoint;
-mod adjoint_lanes;
+mod adjoint_lines;
 mod adjoint_rows;
 mod damping;
 mod hyperdiffusion;
 mod kernel;
 mod lanes;
 mod linear;
+mod linear_rows;
 mod row_coefficients;
 mod rows;
 mod tangent_lanes;

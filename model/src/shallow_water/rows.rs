@@ -1,9 +1,10 @@
 //! The nonlinear tendency row by row: the equations of [`super::kernel`] in one pass over memory, with the diagnostic
 //! quantities of two or three rows in cache.
 
-use super::kernel::{Constants, Diagnosed, mass_flux};
+use super::kernel::{Constants, mass_flux};
 use super::{H, ShallowWater, U, V, VARIABLES, VectorInvariant};
 use crate::grid::Boundary;
+use crate::places::{Lines, Places, at_each_place, read};
 use crate::scheme::rows::{Row, RowStream};
 use crate::scheme::strips::periodic_row;
 use crate::stored::Stored;
@@ -39,33 +40,71 @@ impl<N: Stored> DiagnosticRows<N> {
         self.bernoulli.swap(0, 1);
     }
 
-    /// Those around the row south of the one pushed last.
+    /// Those around the row south of the one pushed last, of `count` values, with `lanes` for each place.
     #[inline(always)]
-    pub fn around(&self) -> Around<'_, N> {
+    pub fn around(&self, lanes: usize, count: usize) -> Around<&[N]> {
+        let [flux_x_s, flux_x, _] = &self.flux_x;
+        let ([flux_y, flux_y_n], [q, q_n], [b_s, b]) = (&self.flux_y, &self.q, &self.bernoulli);
         Around {
-            flux_x_s: &self.flux_x[0],
-            flux_x: &self.flux_x[1],
-            flux_y: &self.flux_y[0],
-            flux_y_n: &self.flux_y[1],
-            q: &self.q[0],
-            q_n: &self.q[1],
-            b_s: &self.bernoulli[0],
-            b: &self.bernoulli[1],
+            u: &flux_x[..count],
+            u_e: &flux_x[lanes..][..count],
+            u_s: &flux_x_s[..count],
+            u_se: &flux_x_s[lanes..][..count],
+            v: &flux_y[lanes..][..count],
+            v_w: &flux_y[..count],
+            v_n: &flux_y_n[lanes..][..count],
+            v_nw: &flux_y_n[..count],
+            q: &q[..count],
+            q_e: &q[lanes..][..count],
+            q_n: &q_n[..count],
+            b: &b[lanes..][..count],
+            b_w: &b[..count],
+            b_s: &b_s[lanes..][..count],
         }
     }
 }
 
-/// The diagnostic rows around a row: U and B of the row and south of it, V and q of the row and north of it.
+/// Diagnostic quantities at the places of a row and around them, or those rows: U as u and V as v, q and B.
 #[derive(Clone, Copy)]
-pub(super) struct Around<'a, N = f64> {
-    pub flux_x_s: &'a [N],
-    pub flux_x: &'a [N],
-    pub flux_y: &'a [N],
-    pub flux_y_n: &'a [N],
-    pub q: &'a [N],
-    pub q_n: &'a [N],
-    pub b_s: &'a [N],
-    pub b: &'a [N],
+pub(super) struct Around<T> {
+    pub u: T,
+    pub u_e: T,
+    pub u_s: T,
+    pub u_se: T,
+    pub v: T,
+    pub v_w: T,
+    pub v_n: T,
+    pub v_nw: T,
+    pub q: T,
+    pub q_e: T,
+    pub q_n: T,
+    pub b: T,
+    pub b_w: T,
+    pub b_s: T,
+}
+
+impl<N> Around<&[N]> {
+    /// Those of some places.
+    #[inline(always)]
+    pub fn at<P: Places<N>>(&self, places: P, first: usize) -> Around<P::Number> {
+        let read = |row| places.read(row, first);
+        Around {
+            u: read(self.u),
+            u_e: read(self.u_e),
+            u_s: read(self.u_s),
+            u_se: read(self.u_se),
+            v: read(self.v),
+            v_w: read(self.v_w),
+            v_n: read(self.v_n),
+            v_nw: read(self.v_nw),
+            q: read(self.q),
+            q_e: read(self.q_e),
+            q_n: read(self.q_n),
+            b: read(self.b),
+            b_w: read(self.b_w),
+            b_s: read(self.b_s),
+        }
+    }
 }
 
 /// The tendency by rows of states that lie interleaved: a place has a value of each, and stencils reach from a value as many on as
@@ -85,7 +124,7 @@ impl<'a> ShallowWaterRows<'a> {
 }
 
 impl RowStream for ShallowWaterRows<'_> {
-    fn begin(&mut self, first: Row<'_>) {
+    fn begin(&mut self, _row: isize, first: Row<'_>) {
         let (h, u, flux) = (first.variable(H), first.variable(U), &mut self.diagnostics.flux_x[2]);
         let (n, lanes) = (h.len(), self.lanes);
         for i in 0..n {
@@ -117,129 +156,135 @@ impl WithSimd for Push<'_, '_> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _simd: S) {
+    fn with_simd<S: Simd>(self, simd: S) {
         match self.rows.lanes {
             // With a constant in the place of it the ends of a row are no loops.
-            1 => self.run(1),
-            lanes => self.run(lanes),
+            1 => self.run(simd, 1),
+            lanes => self.run(simd, lanes),
         }
     }
 }
 
 impl Push<'_, '_> {
     #[inline(always)]
-    fn run(self, lanes: usize) {
+    fn run<S: Simd>(self, simd: S, lanes: usize) {
         let Push { rows, row, south, north, tendency } = self;
         let ShallowWaterRows { model, diagnostics, .. } = rows;
         let constants = Constants::new(model);
-        let coriolis = model.coriolis_per_s(row);
-        let DiagnosticRows { flux_x, flux_y, q, bernoulli } = diagnostics;
-        let (flux_x, flux_y, q, b) = (&mut flux_x[2], &mut flux_y[1], &mut q[1], &mut bernoulli[1]);
-        diagnose(constants, coriolis, lanes, south, north, flux_x, flux_y, q, b);
-        let nx = north.variable(H).len();
-        let (k_h, winds) = tendency.split_at_mut(nx);
-        let (k_u, k_v) = winds.split_at_mut(nx);
-        let around = diagnostics.around();
+        diagnose(simd, constants, model.coriolis_per_s(row), lanes, [south, north], diagnostics);
+        let count = north.variable(H).len();
+        let (out_h, winds) = tendency.split_at_mut(count);
+        let (out_u, out_v) = winds.split_at_mut(count);
+        let around = diagnostics.around(lanes, count);
+        let mut lines = Tendencies { constants, form: model.form, around, out: [out_h, &mut *out_u, &mut *out_v] };
         // One loop for each form.
         match model.form {
             VectorInvariant::PotentialEnstrophy => {
-                tendencies(constants, VectorInvariant::PotentialEnstrophy, lanes, around, k_h, k_u, k_v);
+                lines.form = VectorInvariant::PotentialEnstrophy;
+                at_each_place(simd, count, lines);
             }
-            VectorInvariant::Energy => tendencies(constants, VectorInvariant::Energy, lanes, around, k_h, k_u, k_v),
-        }
-        // The tendency is that of the row south of the one pushed.
-        let southern_wall = model.layout.grid.boundary == Boundary::Channel && row == 1;
-        if southern_wall {
-            k_v.fill(0.0);
-        }
-        let drag = model.parameters.drag_per_s;
-        if drag != 0.0 {
-            add_drag(drag, south.variable(U), k_u);
-            if !southern_wall {
-                add_drag(drag, south.variable(V), k_v);
+            VectorInvariant::Energy => {
+                lines.form = VectorInvariant::Energy;
+                at_each_place(simd, count, lines);
             }
         }
+        finish_winds(model, row as isize, [south.variable(U), south.variable(V)], [out_u, out_v]);
     }
 }
 
-/// U, V and q of the northern row, B of the southern, in one loop. (Rows to be written are arguments and not fields of a
-/// struct: only of arguments the compiler knows that they do not overlap, else it compares them before every row.)
+/// U, V and q of the northern row, B of the southern.
 #[inline(always)]
-fn diagnose(
+fn diagnose<S: Simd>(
+    simd: S,
     constants: Constants,
     coriolis: f64,
     lanes: usize,
-    south: Row<'_>,
-    north: Row<'_>,
-    mass_flux_x: &mut [f64],
-    mass_flux_y: &mut [f64],
-    potential_vorticity: &mut [f64],
-    bernoulli: &mut [f64],
+    [south, north]: [Row<'_>; 2],
+    diagnostics: &mut DiagnosticRows,
 ) {
     let ([h_s, u_s, v_s], [h, u, v]) = (south.variables(), north.variables());
+    let DiagnosticRows { flux_x: [.., flux_x], flux_y: [_, flux_y], q: [_, q], bernoulli: [_, b] } = diagnostics;
     // Where the last place begins, which is west of the first.
     let last = h.len() - lanes;
-    for lane in 0..lanes {
-        let west = last + lane;
-        let first = constants.place(
+    for (own, west, count) in [(0, last, lanes), (lanes, 0, last)] {
+        let lines = Diagnose {
+            constants,
             coriolis,
-            [h[lane], h[west], h_s[lane], h_s[west]],
-            [u[lane], u_s[lane], u_s[west]],
-            [v[lane], v[west], v_s[west]],
-        );
-        mass_flux_x[lane] = first.mass_flux_x;
-        mass_flux_y[lanes + lane] = first.mass_flux_y;
-        potential_vorticity[lane] = first.potential_vorticity;
-        bernoulli[lanes + west] = first.bernoulli;
-    }
-    let n = last;
-    let (h, h_w, h_s, h_sw) = (&h[lanes..][..n], &h[..n], &h_s[lanes..][..n], &h_s[..n]);
-    let (u, u_s, u_sw) = (&u[lanes..][..n], &u_s[lanes..][..n], &u_s[..n]);
-    let (v, v_w, v_sw) = (&v[lanes..][..n], &v[..n], &v_s[..n]);
-    {
-        let (flux_x, flux_y) = (&mut mass_flux_x[lanes..][..n], &mut mass_flux_y[2 * lanes..][..n]);
-        let (q, b) = (&mut potential_vorticity[lanes..][..n], &mut bernoulli[lanes..][..n]);
-        for i in 0..n {
-            let Diagnosed { mass_flux_x, mass_flux_y, potential_vorticity, bernoulli } = constants.place(
-                coriolis,
-                [h[i], h_w[i], h_s[i], h_sw[i]],
-                [u[i], u_s[i], u_sw[i]],
-                [v[i], v_w[i], v_sw[i]],
-            );
-            (flux_x[i], flux_y[i], q[i], b[i]) = (mass_flux_x, mass_flux_y, potential_vorticity, bernoulli);
-        }
+            h: [&h[own..][..count], &h[west..][..count], &h_s[own..][..count], &h_s[west..][..count]],
+            u: [&u[own..][..count], &u_s[own..][..count], &u_s[west..][..count]],
+            v: [&v[own..][..count], &v[west..][..count], &v_s[west..][..count]],
+            flux_x: &mut flux_x[own..][..count],
+            flux_y: &mut flux_y[lanes + own..][..count],
+            q: &mut q[own..][..count],
+            b: &mut b[lanes + west..][..count],
+        };
+        at_each_place(simd, count, lines);
     }
     let end = last + lanes;
-    mass_flux_x.copy_within(..lanes, end);
-    mass_flux_y.copy_within(end..end + lanes, 0);
-    potential_vorticity.copy_within(..lanes, end);
-    bernoulli.copy_within(end..end + lanes, 0);
+    flux_x.copy_within(..lanes, end);
+    flux_y.copy_within(end..end + lanes, 0);
+    q.copy_within(..lanes, end);
+    b.copy_within(end..end + lanes, 0);
+}
+
+/// Rows of what [`Constants::place`] takes and gives.
+struct Diagnose<'a> {
+    constants: Constants,
+    coriolis: f64,
+    h: [&'a [f64]; 4],
+    u: [&'a [f64]; 3],
+    v: [&'a [f64]; 3],
+    flux_x: &'a mut [f64],
+    flux_y: &'a mut [f64],
+    q: &'a mut [f64],
+    b: &'a mut [f64],
+}
+
+impl Lines<f64> for Diagnose<'_> {
+    #[inline(always)]
+    fn at<P: Places<f64>>(&mut self, places: P, first: usize) {
+        let (h, u, v) = (read(places, first, &self.h), read(places, first, &self.u), read(places, first, &self.v));
+        let diagnosed = self.constants.at(places).place(places.all(self.coriolis), h, u, v);
+        places.write(self.flux_x, first, diagnosed.mass_flux_x);
+        places.write(self.flux_y, first, diagnosed.mass_flux_y);
+        places.write(self.q, first, diagnosed.potential_vorticity);
+        places.write(self.b, first, diagnosed.bernoulli);
+    }
 }
 
 /// The tendencies of a row.
-#[inline(always)]
-fn tendencies(
+struct Tendencies<'a> {
     constants: Constants,
     form: VectorInvariant,
-    lanes: usize,
-    around: Around<'_>,
-    out_h: &mut [f64],
-    out_u: &mut [f64],
-    out_v: &mut [f64],
-) {
-    let Around { flux_x_s, flux_x, flux_y, flux_y_n, q, q_n, b_s, b } = around;
-    let n = out_h.len();
-    let (u, u_e, u_s, u_se) = (&flux_x[..n], &flux_x[lanes..][..n], &flux_x_s[..n], &flux_x_s[lanes..][..n]);
-    let (v, v_w, v_n, v_nw) = (&flux_y[lanes..][..n], &flux_y[..n], &flux_y_n[lanes..][..n], &flux_y_n[..n]);
-    let (q, q_e, q_n) = (&q[..n], &q[lanes..][..n], &q_n[..n]);
-    let (b, b_w, b_s) = (&b[lanes..][..n], &b[..n], &b_s[lanes..][..n]);
-    let (out_u, out_v) = (&mut out_u[..n], &mut out_v[..n]);
-    for i in 0..n {
-        let q_v = form.q_v([q[i], q_n[i]], [v[i], v_w[i], v_n[i], v_nw[i]]);
-        let q_u = form.q_u([q[i], q_e[i]], [u[i], u_e[i], u_s[i], u_se[i]]);
-        out_h[i] = constants.minus_divergence([u[i], u_e[i]], [v[i], v_n[i]]);
-        out_u[i] = constants.minus_gradient_x(b_w[i], b[i]) + q_v;
-        out_v[i] = constants.minus_gradient_y(b_s[i], b[i]) - q_u;
+    around: Around<&'a [f64]>,
+    out: [&'a mut [f64]; VARIABLES],
+}
+
+impl Lines<f64> for Tendencies<'_> {
+    #[inline(always)]
+    fn at<P: Places<f64>>(&mut self, places: P, first: usize) {
+        let (constants, form) = (self.constants.at(places), self.form);
+        let Around { u, u_e, u_s, u_se, v, v_w, v_n, v_nw, q, q_e, q_n, b, b_w, b_s } = self.around.at(places, first);
+        let of_u = constants.minus_gradient_x(b_w, b) + form.q_v([q, q_n], [v, v_w, v_n, v_nw]);
+        let of_v = constants.minus_gradient_y(b_s, b) - form.q_u([q, q_e], [u, u_e, u_s, u_se]);
+        let [out_h, out_u, out_v] = &mut self.out;
+        places.write(out_h, first, constants.minus_divergence([u, u_e], [v, v_n]));
+        places.write(out_u, first, of_u);
+        places.write(out_v, first, of_v);
+    }
+}
+
+/// What is the same for f, its derivative and its transpose once a row was pushed: drag on the winds of the row south of it,
+/// `south`, and no change of the flow through a wall.
+#[inline(always)]
+pub(super) fn finish_winds<N: Stored>(model: &ShallowWater, row: isize, south: [&[N]; 2], out: [&mut [N]; 2]) {
+    let ([u, v], [out_u, out_v], drag) = (south, out, model.parameters.drag_per_s);
+    if drag != 0.0 {
+        add_drag(N::narrow(drag), u, out_u);
+        add_drag(N::narrow(drag), v, out_v);
+    }
+    if model.layout.grid.boundary == Boundary::Channel && row == 1 {
+        out_v.fill(N::default());
     }
 }
 
@@ -261,8 +306,7 @@ pub(super) fn continue_evenly<N: Stored>(row: Row<'_, N>, ghost: &mut [N]) {
     ghost_v.fill(N::default());
 }
 
-/// What is the same for the derivative and its transpose once a row of columns, `[variable, x, lane]`, was pushed: drag on the
-/// winds of the row south of it, `south`, no change of the flow through a wall, and the places at the ends of the row.
+/// [`finish_winds`] of a row of columns, `[variable, x, lane]`, and the places at its ends.
 #[inline(always)]
 pub(super) fn finish_columns<N: Stored>(
     model: &ShallowWater,
@@ -272,14 +316,7 @@ pub(super) fn finish_columns<N: Stored>(
     lanes: usize,
 ) {
     let stride = out.len() / VARIABLES;
-    let drag = model.parameters.drag_per_s;
-    if drag != 0.0 {
-        for wind in [U, V] {
-            add_drag(N::narrow(drag), south.variable(wind), &mut out[wind * stride..][..stride]);
-        }
-    }
-    if model.layout.grid.boundary == Boundary::Channel && row == 1 {
-        out[V * stride..].fill(N::default());
-    }
+    let (out_u, out_v) = out[U * stride..].split_at_mut(stride);
+    finish_winds(model, row, [south.variable(U), south.variable(V)], [out_u, out_v]);
     out.chunks_exact_mut(stride).for_each(|row| periodic_row(row, lanes));
 }

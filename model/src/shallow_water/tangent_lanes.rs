@@ -44,7 +44,7 @@ impl<'a, N: Stored> TangentLanes<'a, N> {
 
 impl<N: Stored> TangentRowStream<N> for TangentLanes<'_, N> {
     fn begin(&mut self, row: isize, x: Row<'_>, dx: Row<'_, N>) {
-        self.state.begin(x);
+        self.state.begin(row, x);
         self.coefficients.begin(row, x);
         let ([h, u], [dh, du]) = (x.variables(), dx.variables().map(N::as_places));
         let (n, kept) = (h.len(), N::as_places_mut(&mut self.kept));
@@ -84,7 +84,7 @@ impl<N: Stored> WithSimd for Push<'_, '_, N> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let Push { rows, row, x: [x_south, x_north], dx: Pushed { south, north, tendency } } = self;
-        rows.coefficients.push(row, &rows.state.diagnostics, x_south, x_north);
+        rows.coefficients.push(simd, row, &rows.state.diagnostics, x_south, x_north);
         for_vectors!(S, N, P => push::<S, N, P>(simd, rows, row, south, north, tendency));
         finish_columns(rows.model, row, south, tendency, N::COLUMNS);
     }

@@ -1,5 +1,5 @@
-//! The tangent-linear tendency N'(x̄) δx of whole fields, with coefficients computed once for many evaluations: for the
-//! forecast of a linear model's state, and the start of leapfrog. The lines are the derivatives in [`super::kernel`].
+//! The tangent-linear tendency N'(x̄) δx of whole fields, for the start of leapfrog, with coefficients computed once for many
+//! evaluations, which are also those of a linear model's rows. The lines are the derivatives in [`super::kernel`].
 //!
 //! ```text
 //! δU = h̄ˣ δu + u mean_x(δh)                       δq = δζ / h̄ˣʸ − (q / h̄ˣʸ) mean_xy(δh)
@@ -14,6 +14,7 @@
 
 use super::damping::add_damping;
 use super::kernel::{self, Constants, VorticityWeights, mass_flux, mass_flux_tl, potential_vorticity_tl};
+use super::row_coefficients::QUANTITIES;
 use super::{ShallowWater, VectorInvariant, padded_fields};
 use crate::grid::Location;
 use crate::halo::Halo;
@@ -98,6 +99,19 @@ impl Coefficients {
             quarter_q_per_thickness,
             vorticity_term,
         }
+    }
+}
+
+impl Coefficients {
+    /// The fields in the order of the quantities of [`super::row_coefficients`]; where the form has no such quantity, any field.
+    pub(super) fn quantities(&self) -> [&[f64]; QUANTITIES] {
+        let [a, b, c, d] = match &self.vorticity_term {
+            VorticityTerm::PotentialEnstrophy { flux_y, q_x, flux_x, q_y } => [flux_y, q_x, flux_x, q_y],
+            VorticityTerm::Energy { flux_y, flux_x, q } => [flux_y, q, flux_x, q],
+        };
+        let Self { thickness_x, thickness_y, half_u, half_v, per_thickness, quarter_q_per_thickness, .. } = self;
+        [thickness_x, thickness_y, per_thickness, quarter_q_per_thickness, half_u, half_v, a, b, c, d]
+            .map(|field| &field[..])
     }
 }
 
@@ -292,7 +306,7 @@ fn minus_gradient(model: &ShallowWater, bernoulli: &[f64], out_u: &mut [f64], ou
 
 /// Pads the three fields under their boundary conditions.
 #[inline(always)]
-fn load_all(model: &ShallowWater, x: &[f64], padded: [&mut [f64]; 3]) {
+pub(super) fn load_all(model: &ShallowWater, x: &[f64], padded: [&mut [f64]; 3]) {
     let locations = [Location::Center, Location::XFace, Location::YFace];
     for ((field, padded), location) in model.fields(x).into_iter().zip(padded).zip(locations) {
         model.halo.load(location, field, padded);
