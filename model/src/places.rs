@@ -2,6 +2,8 @@
 //!
 //! A plain loop is as fast where a row is long. Where it is short, a compiler that cannot tell whether what is written overlaps
 //! what is read compares them before every row, or takes the places one after another.
+//!
+//! Of several states that lie interleaved in a row, `[x, lane]`, each value counts as a place.
 
 use crate::arithmetic::{Arithmetic, Number};
 use crate::stored::Stored;
@@ -49,16 +51,16 @@ pub(crate) trait Places<N>: Copy {
     /// The same number for all of them.
     fn all(self, number: N) -> Self::Number;
 
-    /// Those of a row from one of its places on.
+    /// Those of a row, from one of its values on.
     fn read(self, row: &[N], first: usize) -> Self::Number;
 
-    /// Those of a row of coefficients, with one for each place.
+    /// Those of a row of coefficients, which has one for each place, whatever the values of a place in other rows.
     #[inline(always)]
     fn coefficient(self, row: &[N], first: usize) -> Self::Number {
         self.read(row, first)
     }
 
-    /// Puts them into a row from one of its places on.
+    /// Puts them into a row, from one of its values on.
     fn write(self, row: &mut [N], first: usize, numbers: Self::Number);
 
     /// The same in the precision of the row.
@@ -157,6 +159,52 @@ impl<S: Simd, N: Stored> Places<N> for OfGroup<S> {
     }
 }
 
+/// A coefficient of the places of a row: a value for each, or one for all.
+pub(crate) trait Coefficient<N>: Copy {
+    /// Without the values before one.
+    fn from(self, first: usize) -> Self;
+
+    /// No more values than this.
+    fn take(self, count: usize) -> Self;
+
+    /// Those of some places, as [`Places::read`].
+    fn at<P: Places<N>>(self, places: P, first: usize) -> P::Number;
+}
+
+impl<N: Stored> Coefficient<N> for &[N] {
+    #[inline(always)]
+    fn from(self, first: usize) -> Self {
+        &self[first..]
+    }
+
+    #[inline(always)]
+    fn take(self, count: usize) -> Self {
+        &self[..count]
+    }
+
+    #[inline(always)]
+    fn at<P: Places<N>>(self, places: P, first: usize) -> P::Number {
+        places.read(self, first)
+    }
+}
+
+impl<N: Stored> Coefficient<N> for N {
+    #[inline(always)]
+    fn from(self, _first: usize) -> Self {
+        self
+    }
+
+    #[inline(always)]
+    fn take(self, _count: usize) -> Self {
+        self
+    }
+
+    #[inline(always)]
+    fn at<P: Places<N>>(self, places: P, _first: usize) -> P::Number {
+        places.all(self)
+    }
+}
+
 /// Numbers of several rows. (A loop and not [`array::map`], which need not be inlined, and is then compiled for no vectors.)
 #[inline(always)]
 pub(crate) fn read<N, P: Places<N>, const ROWS: usize>(
@@ -185,10 +233,9 @@ pub(crate) fn coefficients<N, P: Places<N>, const ROWS: usize>(
     numbers
 }
 
-/// What is to be done at each place of a row. It is done twice at some of them, and must be the same then: nothing of what it
-/// reads is what it writes.
+/// What is to be done at each place of a row. It may be done twice, so that it writes nothing that it reads.
 pub(crate) trait Lines<N> {
-    /// Does it at some places, the first of which is given.
+    /// Does it at some places, given which of the values of a row is the first of theirs.
     fn at<P: Places<N>>(&mut self, places: P, first: usize);
 }
 
@@ -218,5 +265,52 @@ pub(crate) fn at_each_place_of_group<S: Simd, N: Stored>(simd: S, count: usize, 
         for place in 0..count {
             lines.at(OfGroup(Vectors(simd)), place * N::COLUMNS + part);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use pulp::{Arch, WithSimd};
+
+    /// a + 2 b at each place, b being a coefficient.
+    struct Example<'a, N> {
+        of_group: bool,
+        rows: [&'a [N]; 1],
+        coefficients: [&'a [N]; 1],
+        out: &'a mut [N],
+    }
+
+    impl<N: Stored> Lines<N> for Example<'_, N> {
+        fn at<P: Places<N>>(&mut self, places: P, first: usize) {
+            let ([a], [b]) = (read(places, first, &self.rows), coefficients(places, first, &self.coefficients));
+            places.write(self.out, first, a + b.times(2.0));
+        }
+    }
+
+    impl<N: Stored> WithSimd for Example<'_, N> {
+        type Output = ();
+
+        fn with_simd<S: Simd>(self, simd: S) {
+            let count = self.coefficients[0].len();
+            if self.of_group { at_each_place_of_group(simd, count, self) } else { at_each_place(simd, count, self) }
+        }
+    }
+
+    fn check<N: Stored>() {
+        for (count, of_group) in (0..40).flat_map(|count| [(count, false), (count, true)]) {
+            let lanes = if of_group { N::COLUMNS } else { 1 };
+            let numbers = |count: usize| -> Vec<N> { (0..count).map(|k| N::narrow((k * k % 97) as f64)).collect() };
+            let (a, b, mut out) = (numbers(count * lanes), numbers(count), vec![N::default(); count * lanes]);
+            Arch::new().dispatch(Example { of_group, rows: [&a], coefficients: [&b], out: &mut out });
+            let expected = a.iter().enumerate().map(|(k, &a)| a + b[k / lanes].times(2.0));
+            assert!(expected.eq(out), "{count} places, {lanes} values of each");
+        }
+    }
+
+    #[test]
+    fn lines_are_evaluated_at_every_place_of_rows_of_any_length() {
+        check::<f64>();
+        check::<f32>();
     }
 }

@@ -164,7 +164,9 @@ fn bands_on_several_threads_give_the_bits_of_one() {
         let vortex = Vortex { center_x_m: 9e6, center_y_m: 11.5e6, amplitude_m: 40.0, radius_m: 8e5 };
         let start = initial::vortices(&equations, 1000.0, &[vortex]).unwrap();
         let leapfrog = Leapfrog::new(equations.clone(), Duration::from_seconds(100), 0.02).unwrap();
-        let cases: [(Box<dyn Model>, State); 3] = [
+        let linear = LinearShallowWater::about_uniform_flow(equations.clone(), 1000.0, 20.0).unwrap();
+        let cases: [(Box<dyn Model>, State); 4] = [
+            (Box::new(stepped(linear, 150, SCHEMES[0])), start.clone()),
             (Box::new(stepped(equations.clone(), 150, SCHEMES[0])), start.clone()),
             (Box::new(stepped(equations.clone(), 150, SCHEMES[1])), start.clone()),
             (Box::new(leapfrog.clone()), leapfrog.start(&start)),

@@ -32,8 +32,8 @@ impl Lanes {
         }
     }
 
-    /// Rows longer than the first are cut into strips no wider than the second, not counting the places on either side. A sweep
-    /// over a group works with about 1.2 kB of each place and stage.
+    /// Rows longer than the first are cut into strips no wider than the second, not counting the places on either side. A sweep of
+    /// shallow water over a group works with 0.9 kB of each place if it has one stage, and with 6 kB if it has four.
     fn limits(self, stages: usize) -> [usize; 2] {
         const ALONE: [usize; 2] = [MOST_PLACES, 240];
         match self {

@@ -1,5 +1,5 @@
-//! The adjoint tendency row by row for one column or a group at once: the lines of [`super::adjoint`], which reach one row
-//! south and north. Beside a wall the rows beyond it are zero, and the corners on it, whose thickness is the mean of h on either side
+//! The adjoint tendency row by row for one column or a group at once: [`super::adjoint_lines`], which reach one row south and
+//! north. Beside a wall the rows beyond it are zero, and the corners on it, whose thickness is the mean of h on either side
 //! and which have no vorticity, count twice for h and not for u and v.
 
 use super::adjoint_lines::{Diagnostics, Prognostics, Shape};

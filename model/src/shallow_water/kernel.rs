@@ -1,7 +1,7 @@
-//! The equations of a place, or of several at once, each once, with its derivative beside it: [`super::rows`] takes them row by row,
-//! [`super::tangent_rows`] the derivatives row by row, and [`super::tangent_linear`] field by field; [`super::adjoint_rows`] and
-//! [`super::adjoint`] have their transposes. [`super::tangent_lanes`] are the same lines in vector
-//! operations, for a group of columns at once.
+//! The equations of a place, or of several at once, each once, with its derivative beside it: [`super::rows`] takes them row by
+//! row, [`super::tangent_rows`] the derivatives row by row, and [`super::tangent_linear`] field by field; [`super::adjoint_lines`]
+//! and [`super::adjoint`] have their transposes. [`super::tangent_lanes`] has the lines of the derivatives in one pass, for a group
+//! of columns at once.
 
 use super::{ShallowWater, VectorInvariant};
 use crate::arithmetic::Number;

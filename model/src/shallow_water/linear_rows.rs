@@ -3,13 +3,13 @@
 
 use super::hyperdiffusion::{Arrangement, Damping};
 use super::kernel::Constants;
-use super::row_coefficients::{Coefficient, PlaceCoefficients, QUANTITIES, VorticityCoefficients};
+use super::row_coefficients::{PlaceCoefficients, QUANTITIES, VorticityCoefficients};
 use super::rows::{continue_evenly, finish_winds};
 use super::tangent_linear::{Coefficients, load_all};
 use super::tangent_rows::IncrementRows;
 use super::{ShallowWater, U, V, VARIABLES};
 use crate::grid::Boundary;
-use crate::places::{Lines, One, Places, at_each_place};
+use crate::places::{Coefficient, Lines, One, Places, at_each_place};
 use crate::scheme::rows::{Row, RowStream};
 use crate::scheme::strips::periodic_row;
 

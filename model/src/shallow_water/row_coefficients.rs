@@ -4,7 +4,7 @@
 use super::rows::{Around, DiagnosticRows};
 use super::{H, ShallowWater, U, V, VectorInvariant};
 use crate::arithmetic::Number;
-use crate::places::{Lines, Places, at_each_place, read};
+use crate::places::{Coefficient, Lines, Places, at_each_place, read};
 use crate::scheme::rows::{Ring, Row};
 use crate::scheme::strips::periodic_row;
 use crate::stored::Stored;
@@ -30,52 +30,6 @@ const OF_Q_AT_X_FACES: usize = 6;
 const OF_FLUX_AT_X_FACES: usize = 7;
 const OF_Q_AT_Y_FACES: usize = 8;
 const OF_FLUX_AT_Y_FACES: usize = 9;
-
-/// A coefficient of the places of a row: a value for each, or one for all.
-pub(super) trait Coefficient<N>: Copy {
-    /// Without the values before one.
-    fn from(self, first: usize) -> Self;
-
-    /// No more values than this.
-    fn take(self, count: usize) -> Self;
-
-    /// Those of some places.
-    fn at<P: Places<N>>(self, places: P, first: usize) -> P::Number;
-}
-
-impl<N: Stored> Coefficient<N> for &[N] {
-    #[inline(always)]
-    fn from(self, first: usize) -> Self {
-        &self[first..]
-    }
-
-    #[inline(always)]
-    fn take(self, count: usize) -> Self {
-        &self[..count]
-    }
-
-    #[inline(always)]
-    fn at<P: Places<N>>(self, places: P, first: usize) -> P::Number {
-        places.read(self, first)
-    }
-}
-
-impl<N: Stored> Coefficient<N> for N {
-    #[inline(always)]
-    fn from(self, _first: usize) -> Self {
-        self
-    }
-
-    #[inline(always)]
-    fn take(self, _count: usize) -> Self {
-        self
-    }
-
-    #[inline(always)]
-    fn at<P: Places<N>>(self, places: P, _first: usize) -> P::Number {
-        places.all(self)
-    }
-}
 
 /// The coefficients of the places of a row, but for the vorticity term. With a value for each, place i is at i + 1.
 #[derive(Clone, Copy)]
@@ -118,6 +72,14 @@ impl<C> PlaceCoefficients<C> {
 }
 
 impl<C: Copy> VorticityCoefficients<C> {
+    /// What changes of each.
+    #[inline(always)]
+    pub fn each(self, change: impl Fn(C) -> C) -> Self {
+        let Self { x, y } = self;
+        let each = |it: [C; 4]| [change(it[0]), change(it[1]), change(it[2]), change(it[3])];
+        Self { x: each(x), y: each(y) }
+    }
+
     /// Given the quantities of the row and of the one north of it, with `lanes` values for each place.
     #[inline(always)]
     pub fn of<N>(

@@ -1,10 +1,10 @@
 //! The tangent-linear tendency row by row for a column alone: the derivatives in [`super::kernel`].
 
 use super::kernel::{Constants, VorticityWeights, mass_flux_tl, potential_vorticity_tl};
-use super::row_coefficients::{Coefficient, PlaceCoefficients, RowCoefficients, VorticityCoefficients};
+use super::row_coefficients::{PlaceCoefficients, RowCoefficients, VorticityCoefficients};
 use super::rows::{Around, DiagnosticRows, ShallowWaterRows, continue_evenly, finish_columns};
 use super::{ShallowWater, VARIABLES};
-use crate::places::{Lines, Places, at_each_place, read};
+use crate::places::{Coefficient, Lines, Places, at_each_place, read};
 use crate::scheme::rows::{Pushed, Row, RowStream, TangentRowStream};
 use crate::stored::Stored;
 
@@ -169,10 +169,8 @@ impl<N: Stored> IncrementRows<N> {
         flux_y.copy_within(count..count + lanes, 0);
         q.copy_within(..lanes, count);
         b.copy_within(count..count + lanes, 0);
-        let VorticityCoefficients { x: [a, b, c, d], y: [e, f, g, h] } = term;
-        let (x, y) = ([own(a), own(b), own(c), own(d)], [own(e), own(f), own(g), own(h)]);
-        let at = VorticityCoefficients { x, y };
-        at_each_place(simd, count, Tendencies { constants, at, around: self.diagnostics.around(lanes, count), out });
+        let around = self.diagnostics.around(lanes, count);
+        at_each_place(simd, count, Tendencies { constants, at: term.each(own), around, out });
     }
 }
 
