@@ -82,6 +82,7 @@ fn request() -> Request {
         mixed: 0,
         left_over: LeftOver::Factors,
         factor_precision: Precision::Double,
+        largest_component: usize::MAX,
         residual: Residual::Probe { count: PROBES },
     };
     let mut request = Request { side: 40, cycles: 60, seeds: 1, settings, threads: 0, factors: 0, kalman: false };

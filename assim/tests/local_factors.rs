@@ -20,6 +20,7 @@ fn everything() -> LocalFactorSettings {
         mixed: 0,
         left_over: LeftOver::Blocks,
         factor_precision: Precision::Double,
+        largest_component: usize::MAX,
         residual: Residual::Persist,
     }
 }
@@ -99,6 +100,32 @@ fn local(problem: &Problem, settings: LocalFactorSettings) -> LocalFastKalmanFil
 fn one_tile(factors: usize) -> LocalFactorSettings {
     let everything = everything();
     LocalFactorSettings { per_tile: factors, model_error_per_tile: factors, tile_m: 100.0, ..everything }
+}
+
+/// Cells that are cut out of a component take no part in what an analysis comes to, nor in the covariance of each block after it.
+#[test]
+fn an_analysis_is_the_same_with_cells_cut_out_of_components() {
+    for (shared, tiles) in [(0, everything()), (3, everything()), (3, one_tile(6))] {
+        let problem = problem(true, calibration(shared, 4, 0.0), 2);
+        let few = LocalFactorSettings { per_tile: 4, model_error_per_tile: 4, ..tiles };
+        let first = |largest_component: usize| {
+            let mut filter = local(&problem, LocalFactorSettings { largest_component, ..few });
+            let from = filter.forecast(WINDOW).unwrap();
+            let analysis = filter.analyse(&from, &window(&problem, 30, false, 1, 5)).unwrap();
+            let next = filter.forecast(WINDOW).unwrap().estimate;
+            (analysis, next)
+        };
+        let ((merged, next), (cut, next_of_cut)) = (first(usize::MAX), first(8));
+        let [whole, parts] = [&merged, &cut].map(|analysis| analysis.partition.clone().unwrap());
+        assert!(whole.separators == 0 && whole.largest_component_variables > 16, "{whole:?}");
+        assert!(parts.separators > 0 && parts.largest_component_variables <= 8, "{parts:?}");
+        let error = difference(&cut.estimate, &merged.estimate);
+        assert!(error < 1e-9, "{shared} shared: {error:e}");
+        assert!((cut.innovation_chi2.unwrap() / merged.innovation_chi2.unwrap() - 1.0).abs() < 1e-9);
+        // What the blocks had in common through the cells that were cut out is dropped, as it is within a component.
+        let error = difference(&next_of_cut, &next);
+        assert!(error < 0.1, "{shared} shared, the next forecast: {error:e}");
+    }
 }
 
 /// With all factors, every tile next to every other, there is nothing in the blocks that could be dropped: it is the

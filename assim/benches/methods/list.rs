@@ -169,6 +169,7 @@ pub const METHODS: [Method; 17] = [
                 mixed: 0,
                 left_over: LeftOver::Factors,
                 factor_precision: Precision::Double,
+                largest_component: usize::MAX,
                 residual: Residual::Probe { count: PROBES },
             };
             Ok(Box::new(LocalFastKalmanFilter::with_local_factors(problem, settings)?))

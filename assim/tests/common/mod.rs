@@ -47,6 +47,7 @@ pub fn tile_settings() -> LocalFactorSettings {
         mixed: 1,
         left_over: LeftOver::Factors,
         factor_precision: Precision::Double,
+        largest_component: usize::MAX,
         residual: Residual::Probe { count: 3 },
     }
 }

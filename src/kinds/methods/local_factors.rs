@@ -72,7 +72,7 @@ const LEFT_OVER: Key<Choice<LeftOver>> = Key::absent(
 );
 
 /// Keys that belong to factors of the whole domain.
-const OF_WHOLE_DOMAIN: [&str; 3] = ["bias_coupling", "separator_factors", "largest_component"];
+const OF_WHOLE_DOMAIN: [&str; 2] = ["bias_coupling", "separator_factors"];
 
 /// The settings of local factors, if the method has any, and of its blocks.
 pub(super) fn read(
@@ -127,6 +127,7 @@ pub(super) fn read(
         mixed,
         left_over: own.get(&LEFT_OVER)?,
         factor_precision: filter.factor_precision,
+        largest_component: filter.largest_component,
         residual: filter.residual,
     }))
 }
@@ -154,6 +155,7 @@ fn in_place_of(
         mixed,
         left_over: LeftOver::Factors,
         factor_precision: filter.factor_precision,
+        largest_component: filter.largest_component,
         residual: filter.residual,
     };
     let margin_m = 0.5 * SUPPORT_TILES as f64 * settings.tile_m - length_m;

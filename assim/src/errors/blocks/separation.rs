@@ -10,7 +10,8 @@
 //! so that L joins Φ in the rows of the block. The analysis stays exact, as does the covariance after it, between blocks
 //! too: it has the form blkdiag + Φ Φᵀ again.
 
-use super::component::{check_component, partition};
+use super::component::{check_component, component_size, partition};
+use super::grid_blocks::Blocks;
 use super::solution::{BlockAnalysis, Solved, SplitRows};
 use super::{BlockErrors, Frame};
 use crate::block_angular::{self, Component, Dissection, Graph, PartitionReport};
@@ -21,7 +22,7 @@ use std::sync::Arc;
 
 /// The blocks that leave too large components for the border.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Separation {
+pub(in crate::errors) struct Separation {
     /// Numbers of the blocks, ascending.
     pub blocks: Vec<usize>,
     /// Number of separators.
@@ -31,7 +32,7 @@ pub(super) struct Separation {
 }
 
 /// A block's covariance by what is seen of it.
-pub(super) struct Seen {
+pub(in crate::errors) struct Seen {
     /// L, `[variables, touched]`; its column j is zero above touched variable j.
     pub root: Mat<f64>,
     /// C − L L', without variance in the touched variables.
@@ -65,6 +66,49 @@ impl Seen {
     }
 }
 
+impl Separation {
+    /// Cuts the components that have more variables than `largest`, given the blocks that each row touches and which variables
+    /// the rows see.
+    pub fn new(
+        blocks: &Blocks,
+        largest: usize,
+        components: &[Component],
+        touched: &[Vec<usize>],
+        seen: &[bool],
+    ) -> Self {
+        let mut separation = Self::default();
+        for component in components.iter().filter(|it| component_size(blocks, it) > largest) {
+            let number = |block: &usize| component.blocks.binary_search(block).expect("the component holds the block");
+            let rows: Vec<Vec<usize>> =
+                component.observations.iter().map(|&row| touched[row].iter().map(number).collect()).collect();
+            let weights = component.blocks.iter().map(|&block| blocks.size(block)).collect();
+            let graph = Graph::of_rows(weights, rows.iter().map(Vec::as_slice));
+            let tree = Dissection::new(&graph, largest);
+            separation.separators += tree.members.iter().filter(|member| member.separator).count();
+            separation.blocks.extend(tree.border().into_iter().map(|number| component.blocks[number]));
+        }
+        separation.blocks.sort_unstable();
+        separation.unknowns = separation.blocks.iter().map(|&block| seen_positions(blocks, block, seen).len()).sum();
+        separation
+    }
+
+    /// The components that are left, given the blocks that each row touches.
+    pub fn components(&self, blocks: &Blocks, mut touched: Vec<Vec<usize>>) -> Vec<Component> {
+        touched.iter_mut().for_each(|row| row.retain(|block| self.blocks.binary_search(block).is_err()));
+        block_angular::components(blocks.count(), &touched)
+    }
+
+    /// The partition that is left: what it was like without the separators, and with them.
+    pub fn report(&self, whole: PartitionReport) -> PartitionReport {
+        PartitionReport {
+            unobserved_blocks: whole.unobserved_blocks - self.blocks.len(),
+            separators: self.separators,
+            separator_unknowns: self.unknowns,
+            ..whole
+        }
+    }
+}
+
 impl BlockErrors {
     /// Merges the blocks that observations link, separates or nests components that are too large for it, and analyses.
     /// The first `free` columns of Φ are no factors but sensitivities to unknowns without a prior.
@@ -76,14 +120,14 @@ impl BlockErrors {
     ) -> Result<BlockAnalysis, Error> {
         let frame = Arc::clone(&self.frame);
         let Frame { blocks, settings, .. } = &*frame;
-        let mut touched = blocks.touched(&rows.block);
-        let mut components = block_angular::components(blocks.count(), &touched);
+        let touched = blocks.touched(&rows.block);
+        let components = block_angular::components(blocks.count(), &touched);
         if components.iter().all(|component| self.component_size(component) <= settings.largest_component) {
             let partition = self.report(&components, &Separation::default());
             return Ok(self.update_components(&components, rows, innovations, free)?.with(partition));
         }
         let seen = seen_variables(rows, blocks.variables());
-        let separation = self.separate(&components, &touched, &seen);
+        let separation = Separation::new(blocks, settings.largest_component, &components, &touched, &seen);
         if separation.unknowns > settings.separator_factors || !self.fits(separation.unknowns) {
             let mut partition = self.report(&components, &Separation::default());
             let (solved, sizes) = self.update_nested(&components, rows, innovations, &seen, free)?;
@@ -92,8 +136,7 @@ impl BlockErrors {
             return Ok(solved.with(partition));
         }
         self.join_separators(&separation, &seen);
-        touched.iter_mut().for_each(|row| row.retain(|block| separation.blocks.binary_search(block).is_err()));
-        components = block_angular::components(blocks.count(), &touched);
+        let components = separation.components(blocks, touched);
         let partition = self.report(&components, &separation);
         Ok(self.update_components(&components, rows, innovations, free)?.with(partition))
     }
@@ -120,42 +163,15 @@ impl BlockErrors {
         self.update(components, rows, innovations, free)
     }
 
-    /// Cuts the components that have more variables than the settings allow.
-    pub(super) fn separate(&self, components: &[Component], touched: &[Vec<usize>], seen: &[bool]) -> Separation {
-        let mut separation = Separation::default();
-        for component in components.iter().filter(|it| self.component_size(it) > self.frame.settings.largest_component)
-        {
-            let number = |block: &usize| component.blocks.binary_search(block).expect("the component holds the block");
-            let rows: Vec<Vec<usize>> =
-                component.observations.iter().map(|&row| touched[row].iter().map(number).collect()).collect();
-            let weights = component.blocks.iter().map(|&block| self.frame.blocks.size(block)).collect();
-            let graph = Graph::of_rows(weights, rows.iter().map(Vec::as_slice));
-            let tree = Dissection::new(&graph, self.frame.settings.largest_component);
-            separation.separators += tree.members.iter().filter(|member| member.separator).count();
-            separation.blocks.extend(tree.border().into_iter().map(|number| component.blocks[number]));
-        }
-        separation.blocks.sort_unstable();
-        let members = separation.blocks.iter().flat_map(|&block| self.frame.blocks.members(block));
-        separation.unknowns = members.filter(|&&variable| seen[variable]).count();
-        separation
-    }
-
     /// Positions in a block of its variables that observations see.
     pub(super) fn seen_positions(&self, block: usize, seen: &[bool]) -> Vec<usize> {
-        let members = self.frame.blocks.members(block);
-        (0..members.len()).filter(|&position| seen[members[position]]).collect()
+        seen_positions(&self.frame.blocks, block, seen)
     }
 
     /// The partition of an analysis.
     fn report(&self, components: &[Component], separation: &Separation) -> PartitionReport {
         let border = self.memory.covariance.factors.columns();
-        let whole = partition(&self.frame.blocks, components, border - separation.unknowns, border);
-        PartitionReport {
-            unobserved_blocks: whole.unobserved_blocks - separation.blocks.len(),
-            separators: separation.separators,
-            separator_unknowns: separation.unknowns,
-            ..whole
-        }
+        separation.report(partition(&self.frame.blocks, components, border - separation.unknowns, border))
     }
 
     /// Moves what is seen of some blocks into the common factors.
@@ -177,8 +193,14 @@ impl BlockErrors {
     }
 }
 
+/// Positions in a block of its variables that are seen.
+pub(in crate::errors) fn seen_positions(blocks: &Blocks, block: usize, seen: &[bool]) -> Vec<usize> {
+    let members = blocks.members(block);
+    (0..members.len()).filter(|&position| seen[members[position]]).collect()
+}
+
 /// The variables that the rows touch.
-pub(super) fn seen_variables(rows: &SplitRows, variables: usize) -> Vec<bool> {
+pub(in crate::errors) fn seen_variables(rows: &SplitRows, variables: usize) -> Vec<bool> {
     let mut seen = vec![false; variables];
     for row in 0..rows.block.rows() {
         rows.block.row(row).iter().for_each(|entry| seen[entry.0] = true);

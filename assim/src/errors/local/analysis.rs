@@ -18,9 +18,9 @@ use super::local_factors::{LocalFactors, add_to_blocks, union};
 use super::recombination::Recombination;
 use super::{Frame, LocalErrors};
 use crate::augmented::Augmented;
-use crate::block_angular::{self, Component, Eliminated, PartitionReport};
+use crate::block_angular::{Component, Eliminated, PartitionReport};
 use crate::error::Error;
-use crate::errors::blocks::{SplitRows, augmented, check_component, partition, set_blocks, update_rows};
+use crate::errors::blocks::{Separation, SplitRows, augmented, check_component, partition, set_blocks, update_rows};
 use crate::filter::Fit;
 use crate::linalg::add_symmetric_product;
 use crate::memory::Matrix;
@@ -58,12 +58,13 @@ impl LocalErrors {
         let frame = Arc::clone(&self.frame);
         let Frame { blocks, shared, local, covering, cells, .. } = &*frame;
         let rows = SplitRows::new(innovations, local, shared);
-        let components = block_angular::components(blocks.count(), &blocks.touched(&rows.block));
+        let kept: Vec<usize> = self.memory.factors.iter().map(LocalFactors::columns).collect();
+        let (components, separation) = self.separated(&rows);
         for component in &components {
             check_component(blocks, component, frame.memory_limit_bytes)?;
         }
         if innovations.len() == 0 {
-            return Ok(Fit { chi2: 0.0, partition: Some(self.report(&components)) });
+            return Ok(Fit { chi2: 0.0, partition: Some(self.report(&components, &separation)) });
         }
         let tiles_of = |component: &Component| {
             let entries = component.observations.iter().flat_map(|&row| rows.block.row(row));
@@ -95,8 +96,9 @@ impl LocalErrors {
         self.finish(&amplitudes, solved.of_border.as_ref(), &roots);
         let before = std::mem::replace(&mut self.memory.shared, Matrix(solved.shared.clone()));
         self.revise_past(&amplitudes, &solved, &roots, before.as_ref());
+        self.drop_separators(&kept);
         s.add(&augmented(&increment, &solved.border, local, shared));
-        Ok(Fit { chi2: solved.chi2, partition: Some(self.report(&components)) })
+        Ok(Fit { chi2: solved.chi2, partition: Some(self.report(&components, &separation)) })
     }
 
     /// Gives each tile's factors rows for all variables of the components that see it.
@@ -221,8 +223,8 @@ impl LocalErrors {
         self.memory.factors.iter().map(LocalFactors::columns).sum()
     }
 
-    fn report(&self, components: &[Component]) -> PartitionReport {
-        partition(&self.frame.blocks, components, self.columns(), self.frame.shared.len())
+    fn report(&self, components: &[Component], separation: &Separation) -> PartitionReport {
+        separation.report(partition(&self.frame.blocks, components, self.columns(), self.frame.shared.len()))
     }
 }
 

@@ -168,6 +168,29 @@ impl LocalFactors {
         })
     }
 
+    /// The same factors, and after them columns with these values of some of the variables.
+    pub fn with_columns(&self, further: &[Vec<(usize, f64)>]) -> Self {
+        let r = self.columns();
+        Self::filled(self.variables.clone(), r + further.len(), self.precision(), |j, column| {
+            if j < r {
+                column.copy_from_slice(&self.column(j));
+            } else {
+                let value = |&(variable, value): &(usize, f64)| (self.row(variable).expect("it is among these"), value);
+                further[j - r].iter().map(value).for_each(|(row, value)| column[row] = value);
+            }
+        })
+    }
+
+    /// The first columns, and the others.
+    pub fn split(&self, first: usize) -> (Self, Self) {
+        let part = |columns: std::ops::Range<usize>| {
+            Self::filled(self.variables.clone(), columns.len(), self.precision(), |j, column| {
+                column.copy_from_slice(&self.column(columns.start + j));
+            })
+        };
+        (part(0..first), part(first..self.columns()))
+    }
+
     /// The block diagonal of F_j F_jᵀ: where its entries are among those of all blocks, and what they are.
     fn in_blocks(&self, blocks: &Blocks) -> Vec<(usize, f64)> {
         let mut rows: Vec<usize> = (0..self.variables.len()).collect();

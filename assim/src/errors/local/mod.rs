@@ -38,6 +38,7 @@ mod local_factors;
 mod recombination;
 mod roots;
 mod rotation;
+mod separators;
 mod settings;
 #[cfg(test)]
 mod tests;

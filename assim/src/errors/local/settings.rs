@@ -35,6 +35,8 @@ pub struct LocalFactorSettings {
     pub left_over: LeftOver,
     /// How the factors and those of the model error are stored.
     pub factor_precision: Precision,
+    /// Variables of the largest component that observations may merge; cells are cut out of a larger one.
+    pub largest_component: usize,
     /// How the block-diagonal part is forecast: not exactly, which would need the whole propagator.
     pub residual: Residual,
 }

@@ -53,6 +53,7 @@ fn errors_with(boundary: Boundary, support_tiles: usize) -> LocalErrors {
         mixed: 0,
         left_over: LeftOver::Blocks,
         factor_precision: super::super::blocks::Precision::Double,
+        largest_component: usize::MAX,
         residual: super::super::blocks::Residual::Persist,
     };
     LocalErrors::new(&problem, settings).unwrap()
