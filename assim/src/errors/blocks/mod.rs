@@ -38,6 +38,7 @@ mod reflections;
 pub(super) mod residual;
 mod root;
 mod separation;
+mod separators;
 mod settings;
 mod solution;
 mod structure;
@@ -55,7 +56,7 @@ pub(crate) use factors::Factors;
 pub(crate) use fusion::fuse;
 pub(super) use grid_blocks::Blocks;
 pub(super) use past_analyses::{FixedLag, PastAnalysis};
-pub(super) use separation::{Seen, Separation, seen_positions, seen_variables};
+pub(super) use separators::{Seen, Separation, seen_positions, seen_variables};
 pub(crate) use solution::{Increments, SplitRows};
 pub(super) use solution::{augmented, of_blocks};
 

@@ -7,7 +7,7 @@
 //! all blocks. Any other forecast drops it, as it does with what merged blocks have in common.
 
 use super::component::check_component;
-use super::separation::Seen;
+use super::separators::Seen;
 use super::solution::{Solved, SplitRows};
 use super::{BlockErrors, Residual};
 use crate::block_angular::{
