@@ -42,7 +42,7 @@ impl Lanes {
         }
     }
 
-    /// The most places of a sweep of so many stages over rows of `nx`.
+    /// The most places in a strip of rows of `nx`, for a sweep of this number of stages.
     pub(crate) fn most_places(self, nx: usize, stages: usize, reach: usize) -> usize {
         let [longest, width] = self.limits(stages);
         if nx <= longest { nx } else { width + 2 * reach }
@@ -63,7 +63,7 @@ pub(crate) struct Strip {
 }
 
 impl Strip {
-    /// The strips of a row, for a sweep of so many stages that reaches `reach` places.
+    /// The strips of a row, for a sweep of this number of stages that reaches `reach` places.
     pub fn of_row(nx: usize, lanes: Lanes, stages: usize, reach: usize) -> Vec<Strip> {
         let [longest, width] = lanes.limits(stages);
         if nx <= longest {

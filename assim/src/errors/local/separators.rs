@@ -55,7 +55,7 @@ impl LocalErrors {
         (separation.components(blocks, touched), separation)
     }
 
-    /// Takes the columns after the first of each tile, of which there are these numbers, out of the factors.
+    /// Takes the columns after the first `kept` of each tile out of the factors.
     pub(super) fn drop_separators(&mut self, kept: &[usize]) {
         let frame = Arc::clone(&self.frame);
         let factors = self.memory.factors.iter_mut().zip(kept);
