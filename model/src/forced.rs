@@ -104,11 +104,15 @@ impl Model for Forced {
     }
 
     fn steps(&self, states: &mut [State], steps: usize) {
-        for _ in 0..steps {
-            states.iter_mut().for_each(|x| self.add_half(time_of(x), false, x.values_mut()));
-            let times: Vec<Time> = states.iter().map(time_of).collect();
+        let (starts, span) = (states.iter().map(time_of).collect::<Vec<Time>>(), self.time_step());
+        for step in 0..steps {
+            let add_half = |states: &mut [State], second: bool| {
+                let times = starts.iter().map(|&start| start + span * step);
+                states.iter_mut().zip(times).for_each(|(x, time)| self.add_half(time, second, x.values_mut()));
+            };
+            add_half(states, false);
             self.model.steps(states, 1);
-            times.iter().zip(&mut *states).for_each(|(&time, x)| self.add_half(time, true, x.values_mut()));
+            add_half(states, true);
         }
     }
 }

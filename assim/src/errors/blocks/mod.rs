@@ -49,14 +49,14 @@ pub use settings::{BiasCoupling, FastKalmanSettings, Residual};
 
 pub(super) use block_diagonal::BlockDiagonal;
 pub(super) use coarse_grid::CoarseGrid;
-pub(super) use component::{check_component, partition, set_blocks, update_rows};
+pub(super) use component::{check_component, component_size, partition, set_blocks, update_rows};
 pub(super) use compression::rounding;
 pub(crate) use division::divide;
 pub(crate) use factors::Factors;
 pub(crate) use fusion::fuse;
 pub(super) use grid_blocks::Blocks;
 pub(super) use past_analyses::{FixedLag, PastAnalysis};
-pub(super) use separators::{Seen, Separation, seen_positions, seen_variables};
+pub(super) use separators::{Separation, seen_variables, take_observed_part};
 pub(crate) use solution::{Increments, SplitRows};
 pub(super) use solution::{augmented, of_blocks};
 

@@ -7,7 +7,7 @@
 //! all blocks. Any other forecast drops it, as it does with what merged blocks have in common.
 
 use super::component::check_component;
-use super::separators::Seen;
+use super::separators::{Seen, seen_positions};
 use super::solution::{Solved, SplitRows};
 use super::{BlockErrors, Residual};
 use crate::block_angular::{
@@ -34,14 +34,15 @@ impl BlockErrors {
         seen: &[bool],
         free: usize,
     ) -> Result<(Solved, PartitionSizes), Error> {
-        let observed: Vec<usize> =
-            (0..self.frame.blocks.count()).filter(|&block| !self.seen_positions(block, seen).is_empty()).collect();
+        let observed: Vec<usize> = (0..self.frame.blocks.count())
+            .filter(|&block| !seen_positions(&self.frame.blocks, block, seen).is_empty())
+            .collect();
         let split: Vec<Seen> = observed
             .par_iter()
             .map(|&block| {
                 Seen::new(
                     self.memory.covariance.own.block(&self.frame.blocks, block),
-                    &self.seen_positions(block, seen),
+                    &seen_positions(&self.frame.blocks, block, seen),
                 )
             })
             .collect();

@@ -11,7 +11,7 @@
 //! too: it has the form blkdiag + Φ Φᵀ again.
 
 use super::component::{check_component, partition};
-use super::separators::{Seen, Separation, seen_positions, seen_variables};
+use super::separators::{Separation, seen_variables, take_observed_part};
 use super::solution::{BlockAnalysis, Solved, SplitRows};
 use super::{BlockErrors, Frame};
 use crate::block_angular::{self, Component, PartitionReport};
@@ -73,11 +73,6 @@ impl BlockErrors {
         self.update(components, rows, innovations, free)
     }
 
-    /// Positions in a block of its variables that observations see.
-    pub(super) fn seen_positions(&self, block: usize, seen: &[bool]) -> Vec<usize> {
-        seen_positions(&self.frame.blocks, block, seen)
-    }
-
     /// The partition of an analysis.
     fn report(&self, components: &[Component], separation: &Separation) -> PartitionReport {
         let border = self.memory.covariance.factors.columns();
@@ -86,19 +81,15 @@ impl BlockErrors {
 
     /// Moves what is seen of some blocks into the common factors.
     pub(super) fn join_separators(&mut self, separation: &Separation, seen: &[bool]) {
-        let mut column = self.memory.covariance.factors.columns();
-        self.memory.covariance.factors.append(separation.unknowns);
+        let covariance = &mut self.memory.covariance;
+        let first = covariance.factors.columns();
+        covariance.factors.append(separation.unknowns);
+        let mut columns = Vec::with_capacity(separation.unknowns);
         for &block in &separation.blocks {
-            let positions = self.seen_positions(block, seen);
-            let mut own = self.memory.covariance.own.block_mut(&self.frame.blocks, block);
-            let Seen { root, rest } = Seen::new(own.as_ref(), &positions);
-            own.copy_from(rest);
-            for j in 0..positions.len() {
-                for (position, &variable) in self.frame.blocks.members(block).iter().enumerate() {
-                    self.memory.covariance.factors.set(variable, column, root[(position, j)]);
-                }
-                column += 1;
-            }
+            columns.extend(take_observed_part(&mut covariance.own, &self.frame.blocks, block, seen));
+        }
+        for (j, entries) in columns.into_iter().enumerate() {
+            entries.into_iter().for_each(|(variable, value)| covariance.factors.set(variable, first + j, value));
         }
     }
 }

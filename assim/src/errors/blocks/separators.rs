@@ -1,5 +1,6 @@
-//! Blocks that leave a component that observations link: which, and what is seen of them.
+//! The separators of a component that is too large to be merged, and the observed parts of their covariances.
 
+use super::block_diagonal::BlockDiagonal;
 use super::component::component_size;
 use super::grid_blocks::Blocks;
 use super::solution::SplitRows;
@@ -17,7 +18,7 @@ pub(in crate::errors) struct Separation {
     pub unknowns: usize,
 }
 
-/// A block's covariance by what is seen of it.
+/// The covariance of a block, split into the part that observations see and the rest.
 pub(in crate::errors) struct Seen {
     /// L, `[variables, touched]`; its column j is zero above touched variable j.
     pub root: Mat<f64>,
@@ -95,7 +96,22 @@ impl Separation {
     }
 }
 
-/// Positions in a block of its variables that are seen.
+/// Takes the observed part L Lᵀ out of the covariance of a block: the columns of L, each with the variables and their values.
+pub(in crate::errors) fn take_observed_part(
+    own: &mut BlockDiagonal,
+    blocks: &Blocks,
+    block: usize,
+    seen: &[bool],
+) -> Vec<Vec<(usize, f64)>> {
+    let mut own = own.block_mut(blocks, block);
+    let Seen { root, rest } = Seen::new(own.as_ref(), &seen_positions(blocks, block, seen));
+    own.copy_from(rest);
+    let members = blocks.members(block);
+    let column = |j: usize| members.iter().enumerate().map(|(i, &member)| (member, root[(i, j)])).collect();
+    (0..root.ncols()).map(column).collect()
+}
+
+/// Positions in a block of its variables that observations see.
 pub(in crate::errors) fn seen_positions(blocks: &Blocks, block: usize, seen: &[bool]) -> Vec<usize> {
     let members = blocks.members(block);
     (0..members.len()).filter(|&position| seen[members[position]]).collect()

@@ -168,15 +168,18 @@ impl LocalFactors {
         })
     }
 
-    /// The same factors, and after them columns with these values of some of the variables.
+    /// The same factors, and after them columns with these values of some variables, on the variables of both.
     pub fn with_columns(&self, further: &[Vec<(usize, f64)>]) -> Self {
-        let r = self.columns();
-        Self::filled(self.variables.clone(), r + further.len(), self.precision(), |j, column| {
+        let mut others: Vec<usize> = further.iter().flatten().map(|entry| entry.0).collect();
+        others.sort_unstable();
+        let own = self.extended(&union([self.variables.as_slice(), &others]), self.precision());
+        let r = own.columns();
+        Self::filled(own.variables.clone(), r + further.len(), own.precision(), |j, column| {
             if j < r {
-                column.copy_from_slice(&self.column(j));
+                column.copy_from_slice(&own.column(j));
             } else {
-                let value = |&(variable, value): &(usize, f64)| (self.row(variable).expect("it is among these"), value);
-                further[j - r].iter().map(value).for_each(|(row, value)| column[row] = value);
+                let row = |variable| own.row(variable).expect("it is among these");
+                further[j - r].iter().for_each(|&(variable, value)| column[row(variable)] = value);
             }
         })
     }
