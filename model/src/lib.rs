@@ -16,6 +16,7 @@
 //! | [`invariants`] | mass, total energy, potential enstrophy |
 //! | [`random`] | a seeded stream for each purpose |
 //! | [`error`] | [`ModelError`]: why a configuration is refused |
+//! | [`communicator`] | [`Communicator`]: the processes that compute one run together |
 //! | `testing` | (feature `testing`) the contract every model must pass |
 //!
 //! # Equations
@@ -73,7 +74,9 @@
 
 pub mod advection;
 mod arithmetic;
+pub mod bands;
 mod columns;
+pub mod communicator;
 pub mod error;
 pub mod forced;
 pub mod forcing;
@@ -97,6 +100,8 @@ pub mod time_function;
 pub mod vector;
 
 pub use advection::{Advection, AdvectionScheme, ExactShift, Wind};
+pub use bands::BandedModel;
+pub use communicator::Communicator;
 pub use error::ModelError;
 pub use forced::Forced;
 pub use forcing::{Forcing, Source};

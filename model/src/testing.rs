@@ -1,4 +1,8 @@
-//! The contract every model must pass (feature `testing`): [`check_contract`].
+//! The contract every model must pass (feature `testing`), [`check_contract`], and ranks that are threads, [`on_ranks`].
+
+mod ranks;
+
+pub use ranks::{ThreadRank, on_ranks};
 
 use crate::forecast::Adjoint;
 use crate::random::{standard_normals, stream};
