@@ -3,7 +3,7 @@
 use crate::covariance::Covariance;
 use crate::error::Error;
 use crate::estimate::{Analysis, Estimate};
-use isobar_model::{Adjoint, Duration, Model, State, TangentLinear};
+use isobar_model::{Adjoint, Bands, Duration, Model, State, TangentLinear};
 use isobar_obs::{Calibration, Jacobian, ObservationWindow, SparseRows};
 use std::sync::Arc;
 
@@ -110,6 +110,31 @@ impl<M: ?Sized> Problem<M> {
         match self.bias {
             BiasTreatment::Estimate => self.calibration.clone(),
             BiasTreatment::Ignore | BiasTreatment::Known => Calibration::default(),
+        }
+    }
+
+    /// Fails if several ranks compute the run, and not each has everything.
+    ///
+    /// # Errors
+    /// [`Error::Setting`] that names what they cannot divide.
+    pub(crate) fn require_one_rank(&self, what: &str) -> Result<(), Error>
+    where
+        M: Model,
+    {
+        match self.model.in_bands() {
+            None => Ok(()),
+            Some(_) => Err(Error::Setting(format!("{what} cannot be computed by several ranks together"))),
+        }
+    }
+
+    /// Which rank has which rows of what is divided among them.
+    pub(crate) fn bands(&self) -> Bands
+    where
+        M: Model,
+    {
+        match self.model.in_bands() {
+            None => Bands::whole(&self.background.layout().grid),
+            Some(model) => model.bands().clone(),
         }
     }
 

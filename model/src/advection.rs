@@ -15,6 +15,7 @@ use crate::scheme::{SpectralBounds, Tendency};
 use crate::state::{Layout, State, Variable};
 use crate::time::Duration;
 use rayon::prelude::*;
+use std::ops::Range;
 use std::sync::Arc;
 
 /// The tracer's value at a face, between cells a | b with c beyond b and d beyond a, for a wind from a to b.
@@ -200,6 +201,28 @@ impl Tendency for Advection {
         &self.layout
     }
 
+    fn in_rows(&self, rows: &Range<isize>) -> Option<Self> {
+        let whole = &self.layout.grid;
+        let grid = whole.of_rows(rows);
+        let halo = Halo::new(&grid, 2).ok()?;
+        let of_rows = |location: Location, weights: &[Vec<f64>; 4]| {
+            [0, 1, 2, 3].map(|m| {
+                let field: Vec<f64> =
+                    (0..whole.ny).flat_map(|j| self.halo.row(&weights[m], j, 0, 0)).copied().collect();
+                let mut padded = halo.zeros();
+                halo.load(location, &whole.take_rows(rows, &field), &mut padded);
+                padded
+            })
+        };
+        let weights_x = of_rows(Location::XFace, &self.weights_x);
+        let weights_y = of_rows(Location::YFace, &self.weights_y);
+        Some(Self { layout: layout(grid), halo, weights_x, weights_y, bounds: self.bounds })
+    }
+
+    fn reach(&self) -> usize {
+        2
+    }
+
     fn scratch_len(&self) -> usize {
         3 * self.halo.len()
     }
@@ -315,6 +338,19 @@ impl Model for ExactShift {
 
     fn largest_time_step_s(&self, _x: &State) -> f64 {
         f64::INFINITY
+    }
+
+    /// Within the rows, around a ring of these.
+    fn in_rows(&self, rows: &Range<isize>) -> Option<Arc<dyn Adjoint>> {
+        let grid = Grid { boundary: Boundary::Periodic, ..self.layout.grid.of_rows(rows) };
+        let turns = self.rows as i64 - if self.rows > self.reach() { self.layout.grid.ny as i64 } else { 0 };
+        let shift = Self::new(grid, self.columns as i64, turns, self.time_step).ok()?;
+        Some(Arc::new(shift))
+    }
+
+    /// By the way that is shorter.
+    fn reach(&self) -> usize {
+        self.rows.min(self.layout.grid.ny - self.rows)
     }
 
     fn step(&self, x: &mut State) {

@@ -60,6 +60,12 @@ pub enum ModelError {
         /// What is wrong.
         reason: String,
     },
+    /// The model cannot be integrated by several ranks.
+    #[error("{reason}")]
+    Bands {
+        /// Why.
+        reason: String,
+    },
     /// No thickness balances the wind between two rows.
     #[error("no thickness balances the zonal wind {} m/s at row {row}", Readable(*wind_m_per_s))]
     NoBalance {

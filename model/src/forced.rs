@@ -25,6 +25,7 @@ use crate::forecast::{Adjoint, Between, Model, TangentLinear};
 use crate::state::{Layout, State};
 use crate::stored::ColumnsMut;
 use crate::time::{Duration, Time};
+use std::ops::Range;
 use std::sync::Arc;
 
 /// A model with a forcing.
@@ -85,6 +86,15 @@ impl Model for Forced {
 
     fn largest_time_step_s(&self, x: &State) -> f64 {
         self.model.largest_time_step_s(x)
+    }
+
+    fn in_rows(&self, rows: &Range<isize>) -> Option<Arc<dyn Adjoint>> {
+        let forcing = Arc::new(self.forcing.in_rows(&self.layout().grid, rows));
+        Some(Arc::new(Self { model: self.model.in_rows(rows)?, forcing }))
+    }
+
+    fn reach(&self) -> usize {
+        self.model.reach()
     }
 
     fn needs_time(&self) -> bool {

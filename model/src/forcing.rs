@@ -1,11 +1,12 @@
 //! Known sources: B u(t) of dx/dt = f(x) + B u(t), patterns in space times functions of time.
 
 use crate::error::ModelError;
-use crate::grid::{Boundary, Location};
+use crate::grid::{Boundary, Grid, Location};
 use crate::state::Layout;
 use crate::time::Time;
 use crate::time_function::TimeFunction;
 use crate::vector::axpy;
+use std::ops::Range;
 
 /// A source of one variable.
 #[derive(Clone, Debug, PartialEq)]
@@ -57,6 +58,12 @@ impl Forcing {
             function.check()?;
         }
         Ok(())
+    }
+
+    /// The sources on some rows of a grid, as [`Grid::take_rows`].
+    pub(crate) fn in_rows(&self, grid: &Grid, rows: &Range<isize>) -> Self {
+        let of_rows = |source: &Source| Source { pattern: grid.take_rows(rows, &source.pattern), ..source.clone() };
+        Self { sources: self.sources.iter().map(of_rows).collect() }
     }
 
     /// x += factor ∫ B u dt from `from_s` to `to_s` seconds after a time, for values `[variable, y, x]`.

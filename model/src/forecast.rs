@@ -1,11 +1,14 @@
 //! What a model is: three small traits, each a capability, and the loops over time steps, each written once.
 
 use crate::arithmetic::Arithmetic;
+use crate::bands::BandedModel;
+use crate::communicator::RankFailure;
 use crate::error::ModelError;
 use crate::state::{Layout, State};
 use crate::stored::{ColumnsMut, Stored};
 use crate::time::Duration;
 use rayon::prelude::*;
+use std::ops::Range;
 use std::sync::Arc;
 
 /// A forecast model: x(t + Δt) = M(x(t), t).
@@ -26,6 +29,23 @@ pub trait Model: Send + Sync {
 
     /// The largest stable step of the time scheme at `x` \[s\]; infinite where there is no limit.
     fn largest_time_step_s(&self, x: &State) -> f64;
+
+    /// The model on some rows of the grid, as a domain of its own with walls at both ends, where `rows` may go beyond a periodic
+    /// edge: a step is the same as on the whole, to the bit, but within [`Model::reach`] rows of an end that is no wall of the
+    /// whole. `None` if there is no such form of it.
+    fn in_rows(&self, _rows: &Range<isize>) -> Option<Arc<dyn Adjoint>> {
+        None
+    }
+
+    /// How many rows of the state on either side a step depends on, at most.
+    fn reach(&self) -> usize {
+        self.layout().grid.ny
+    }
+
+    /// The model with the bands in which several ranks have its states; `None` if this process has all of them.
+    fn in_bands(&self) -> Option<&BandedModel> {
+        None
+    }
 
     /// Whether M depends on t, so that a forecast can start only from a state that knows its valid time.
     fn needs_time(&self) -> bool {
@@ -129,6 +149,9 @@ pub enum ForecastError {
         /// Time step over the largest stable one, at the last finite state.
         cfl: f64,
     },
+    /// What ranks do together failed on one of them.
+    #[error("{0}")]
+    OnRank(RankFailure),
     /// An increment left the finite numbers.
     #[error("the tangent-linear forecast is not finite after step {step}: increment {column}, {place}")]
     IncrementNotFinite {

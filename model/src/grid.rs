@@ -1,6 +1,7 @@
 //! The Arakawa C grid on a plane, its boundaries, and bilinear interpolation to a point.
 
 use serde::{Deserialize, Serialize};
+use std::ops::Range;
 
 /// The edges of the domain in y. In x it is always periodic.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -70,6 +71,22 @@ impl Location {
 }
 
 impl Grid {
+    /// Some rows of the grid as a domain of its own, with walls at both ends.
+    pub fn of_rows(&self, rows: &Range<isize>) -> Self {
+        Self { ny: rows.len(), boundary: Boundary::Channel, ..self.clone() }
+    }
+
+    /// Those rows of fields `[field, y, x]`; rows beyond an edge are those at the other end of a periodic domain.
+    pub fn take_rows(&self, rows: &Range<isize>, fields: &[f64]) -> Vec<f64> {
+        let mut taken = Vec::with_capacity(fields.len() / self.ny * rows.len());
+        for field in fields.chunks_exact(self.cells()) {
+            for row in rows.clone() {
+                taken.extend_from_slice(&field[wrap(row as i64, self.ny) * self.nx..][..self.nx]);
+            }
+        }
+        taken
+    }
+
     /// Number of cells.
     pub fn cells(&self) -> usize {
         self.nx * self.ny

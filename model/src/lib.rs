@@ -16,6 +16,7 @@
 //! | [`invariants`] | mass, total energy, potential enstrophy |
 //! | [`random`] | a seeded stream for each purpose |
 //! | [`error`] | [`ModelError`]: why a configuration is refused |
+//! | [`bands`] | [`Bands`] of rows, one for each rank, and the [`BandedModel`] that they integrate together |
 //! | [`communicator`] | [`Communicator`]: the processes that compute one run together |
 //! | `testing` | (feature `testing`) the contract every model must pass |
 //!
@@ -100,7 +101,7 @@ pub mod time_function;
 pub mod vector;
 
 pub use advection::{Advection, AdvectionScheme, ExactShift, Wind};
-pub use bands::BandedModel;
+pub use bands::{BandedModel, Bands};
 pub use communicator::Communicator;
 pub use error::ModelError;
 pub use forced::Forced;

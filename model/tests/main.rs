@@ -1,6 +1,7 @@
 //! The tests of the crate, in one binary.
 
 mod advection;
+mod bands;
 mod common;
 mod conservation;
 mod contracts;

@@ -32,6 +32,8 @@ pub(super) struct Plan<'a> {
 pub(super) struct Band<'a> {
     /// The rows of analyses from the first row of cells on to that after the last.
     pub points: Range<usize>,
+    /// The rows of cells: all from the first of these on, as far as this rank has them.
+    pub rows: Range<usize>,
     /// The values of each variable of the first member, then of the second …
     pub fields: Vec<&'a mut [f64]>,
     /// For each earlier ensemble the means of each variable, then the first member's deviations from these …
@@ -76,14 +78,13 @@ impl Plan<'_> {
 
     /// Takes the analyses into a band of the members.
     pub fn analyse(&self, mut band: Band<'_>) -> BesideState {
-        let cells = self.weights.rows.cells(band.points.clone());
-        let cells = cells.start * self.grid.nx..cells.end * self.grid.nx;
+        let cells = band.rows.start * self.grid.nx..band.rows.end * self.grid.nx;
         let at = |cell: usize| self.local.partition_point(|local| local.0 < cell);
         let local = &self.local[at(cells.start)..at(cells.end)];
         let own_rows = band.points.len();
         let (state, parameters) = (self.variables * cells.len(), local.len() + own_rows * self.shared.len());
         let (mean, mut perturbations) = self.perturbations(&band, local, state + parameters);
-        let variance_factors = self.apply(&band.points, cells, local, &mut perturbations);
+        let variance_factors = self.apply(&band, cells, local, &mut perturbations);
         self.set(&mut band, mean, &mut perturbations);
         self.set_earlier(&mut band, &perturbations);
         let Perturbations { rows, ensembles, stride, after, .. } = &perturbations;
@@ -135,7 +136,7 @@ impl Plan<'_> {
     /// Applies all analyses that have a weight in the band; returns the inflation of its own.
     fn apply(
         &self,
-        points: &Range<usize>,
+        Band { points, rows: own_rows, .. }: &Band<'_>,
         cells: Range<usize>,
         local: &[(usize, usize)],
         perturbations: &mut Perturbations,
@@ -149,14 +150,16 @@ impl Plan<'_> {
         let mut rows: Vec<Vec<(usize, f64)>> = vec![Vec::new(); lanes];
         // The row after the last has a weight in the cells before it.
         for number in points.start..=points.end {
-            let (point, is_own) = (number % weights.rows.len(), number < points.end);
+            let point = number % weights.rows.len();
+            let is_own = number < points.end && own_rows.contains(&weights.rows.cell(point));
             let mut in_y: Vec<(usize, f64)> = Vec::new();
             if number > points.start {
                 in_y.extend(weights.rows.before(point));
             }
-            if is_own {
+            if number < points.end {
                 in_y.extend(weights.rows.after(point));
             }
+            in_y.retain(|(row, _)| own_rows.contains(row));
             if in_y.is_empty() {
                 continue;
             }
@@ -324,16 +327,21 @@ mod tests {
                 last_factors: &vec![1.0; weights.len()],
             };
             let [state, state_earlier] = [4, 6].map(|seed| centered(VARIABLES * cells, seed));
-            let run = |height: usize| {
+            // In bands of as many rows of analyses as `height` says, those of each rank.
+            let run = |height: usize, ranks: &[Range<usize>]| {
                 let mut members: Vec<Vec<f64>> = (0..MEMBERS).map(|j| state.col_as_slice(j).to_vec()).collect();
                 // About a mean of 2.
                 let mut earlier: Vec<Vec<f64>> = (0..MEMBERS).map(|j| state_earlier.col_as_slice(j).to_vec()).collect();
                 earlier.insert(0, vec![2.0; VARIABLES * cells]);
                 let mut found = Vec::new();
-                for first in (0..weights.rows.len()).step_by(height) {
-                    let points = first..weights.rows.len().min(first + height);
-                    let rows = weights.rows.cells(points.clone());
-                    let rows = rows.start * grid.nx..rows.end * grid.nx;
+                let bands = ranks.iter().flat_map(|own| {
+                    let [first, last] = [own.start, own.end - 1].map(|row| weights.rows.around(row)[0].0);
+                    (first..=last).step_by(height).map(move |first| (own, first..(last + 1).min(first + height)))
+                });
+                for (own, points) in bands {
+                    let Range { start, end } = weights.rows.cells(points.clone());
+                    let in_band = start.max(own.start)..end.min(own.end);
+                    let rows = in_band.start * grid.nx..in_band.end * grid.nx;
                     let [fields, earlier] = [&mut members, &mut earlier].map(|columns| {
                         let parts = columns.iter_mut().flat_map(|column| {
                             let (first, second) = column.split_at_mut(cells);
@@ -341,19 +349,23 @@ mod tests {
                         });
                         parts.collect()
                     });
-                    found.push(plan.analyse(Band { points, fields, earlier: vec![earlier] }));
+                    found.push(plan.analyse(Band { points, rows: in_band, fields, earlier: vec![earlier] }));
                 }
                 (members, earlier, found)
             };
-            let (members, earlier, found) = run(1);
+            let whole = &[0..grid.ny][..];
+            let (members, earlier, found) = run(1, whole);
             let parameters_of = |found: &[BesideState], ensemble: usize| {
                 let of_bands: Vec<BandParameters> = found.iter().map(|it| it.parameters[ensemble].clone()).collect();
                 let local: Vec<_> = of_bands.iter().flat_map(|it| it.local.clone()).collect();
-                (local, of_bands.into_iter().flat_map(|it| it.shared).collect::<Vec<_>>())
+                // Rows of analyses that another rank makes add nothing.
+                let of_rows = of_bands.into_iter().flat_map(|it| it.shared);
+                (local, of_rows.filter(|row| row.iter().any(|&value| value != 0.0)).collect::<Vec<_>>())
             };
-            for height in [2, 3, 100] {
-                let (others, others_earlier, other) = run(height);
-                assert_eq!((&members, &earlier), (&others, &others_earlier), "{boundary:?} {height}");
+            for (height, ranks) in [(2, whole), (3, whole), (100, whole), (1, &[0..4, 4..5, 5..8]), (2, &[0..3, 3..8])]
+            {
+                let (others, others_earlier, other) = run(height, ranks);
+                assert_eq!((&members, &earlier), (&others, &others_earlier), "{boundary:?} {height} {ranks:?}");
                 let all = |found: &[BesideState]| {
                     let factors: Vec<f64> = found.iter().flat_map(|it| it.variance_factors.clone()).collect();
                     (factors, parameters_of(found, 0), parameters_of(found, 1))

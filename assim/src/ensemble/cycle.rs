@@ -11,7 +11,7 @@ use crate::estimate::{Analysis, Estimate};
 use crate::linalg::product;
 use crate::memory::require;
 use crate::problem::Problem;
-use isobar_model::{Model, random};
+use isobar_model::{Bands, Model, random};
 use isobar_obs::ObservationWindow;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
@@ -20,6 +20,8 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone)]
 pub(super) struct EnsembleCycle {
     pub problem: Problem<dyn Model>,
+    /// Which rank has which rows of the members.
+    pub bands: Bands,
     pub settings: EnsembleSettings,
     pub memory: Memory,
     /// Whether members see observations within a window from their own trajectories.
@@ -44,6 +46,9 @@ impl EnsembleCycle {
     /// # Errors
     /// As [`Ensemble::draw`].
     pub fn new(problem: Problem<dyn Model>, settings: EnsembleSettings, analyses: usize) -> Result<Self, Error> {
+        if settings.model_error == ModelErrorTreatment::SquareRoot && problem.model_error.is_some() {
+            problem.require_one_rank("the square root of the model error in the members' span")?;
+        }
         // Methods with the same seed and number of members start from the same ones.
         let purpose = match settings.initial_members {
             InitialMembers::Random => "ensemble",
@@ -53,7 +58,8 @@ impl EnsembleCycle {
         let ensemble = Ensemble::draw(&problem, &settings, &mut random)?;
         let variance_factors = vec![settings.inflation.initial_variance_factor(); analyses];
         let memory = Memory { ensemble, variance_factors, random, smoother: None };
-        Ok(Self { problem, settings, memory, asynchronous: false, starts: None })
+        let bands = problem.bands();
+        Ok(Self { problem, bands, settings, memory, asynchronous: false, starts: None })
     }
 
     /// The same with a smoother of the last `lag` analyses before the newest.
@@ -62,6 +68,7 @@ impl EnsembleCycle {
     /// [`Error::Setting`] with [`ModelErrorTreatment::SquareRoot`], unless nothing is added in a cycle: the square root
     /// recombines the members, which then do not go on from the earlier ones that are to be regressed on them.
     pub fn smoothing(mut self, lag: usize) -> Result<Self, Error> {
+        self.problem.require_one_rank("an ensemble smoother")?;
         if self.recombines() {
             let message = "an ensemble smoother needs members that go on from the earlier ones: random draws of the model \
                            error, not its square root";
@@ -81,19 +88,19 @@ impl EnsembleCycle {
     /// Mean and spread of the members at the analysis `analyses_ago` before the newest.
     pub fn smoothed(&self, analyses_ago: usize) -> Option<Estimate> {
         let (mean, spread) = self.memory.smoother.as_ref()?.estimate(analyses_ago)?;
-        let estimate = self.memory.ensemble.estimate_of(&self.problem, mean, spread);
+        let estimate = self.memory.ensemble.estimate_of(&self.problem, &self.bands, mean, spread);
         // The members' time is that of the newest analysis.
         Some(Estimate { state: estimate.state.valid_at(None), ..estimate })
     }
 
-    /// m, the number of values of a state.
+    /// m, the number of values of a state that this rank has.
     pub fn state_values(&self) -> usize {
-        self.problem.background.values().len()
+        self.memory.ensemble.state_values()
     }
 
     /// Mean and spread of the members.
     pub fn estimate(&self) -> Estimate {
-        self.memory.ensemble.estimate(&self.problem)
+        self.memory.ensemble.estimate(&self.problem, &self.bands)
     }
 
     /// The factor on the background's covariance in the one analysis of all observations.

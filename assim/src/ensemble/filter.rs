@@ -90,6 +90,7 @@ pub(super) fn with_trajectories<A: EnsembleAnalysis>(filter: EnsembleFilter<A>) 
     if cycle.recombines() {
         return Ok(EnsembleFilter { cycle, analysis });
     }
+    cycle.problem.require_one_rank("trajectories of members through a window")?;
     let (problem, lag) = (&cycle.problem, cycle.memory.smoother.as_ref().map(FixedLag::lag));
     require_memory(problem, cycle.settings.members, &analysis, problem.most_observations, lag, true)?;
     cycle.asynchronous = true;
@@ -124,7 +125,7 @@ fn require_memory(
 
 impl<A: EnsembleAnalysis> Assimilator for EnsembleFilter<A> {
     fn forecast(&mut self, window: Duration) -> Result<Background, Error> {
-        let EnsembleCycle { problem, settings, memory, asynchronous, starts } = &mut self.cycle;
+        let EnsembleCycle { problem, settings, memory, asynchronous, starts, .. } = &mut self.cycle;
         *starts = asynchronous.then(|| memory.ensemble.clone());
         memory.ensemble.forecast(problem, settings, window, &mut memory.random)?;
         Ok(Background { estimate: self.cycle.estimate(), window })
@@ -135,7 +136,7 @@ impl<A: EnsembleAnalysis> Assimilator for EnsembleFilter<A> {
         let lag = cycle.memory.smoother.as_ref().map(FixedLag::lag);
         require_memory(&cycle.problem, cycle.settings.members, analysis, observed.len(), lag, cycle.asynchronous)?;
         let trajectories = cycle.starts.take().map(|starts| (starts, from.window));
-        let members = cycle.memory.ensemble.observe(&cycle.problem, observed, trajectories)?;
+        let members = cycle.memory.ensemble.observe(&cycle.problem, observed, &cycle.bands, trajectories)?;
         if let Some(smoother) = &mut cycle.memory.smoother {
             smoother.shorten();
         }
@@ -152,20 +153,24 @@ impl<A: EnsembleAnalysis> Assimilator for EnsembleFilter<A> {
     }
 
     fn memory(&self) -> Result<Vec<u8>, Error> {
-        to_bytes(&self.cycle.memory)
+        let EnsembleCycle { memory, bands, .. } = &self.cycle;
+        to_bytes(&Memory { ensemble: memory.ensemble.gathered(bands), ..memory.clone() })
     }
 
     fn recall(&mut self, memory: &[u8]) -> Result<(), Error> {
-        let memory: Memory = from_bytes(memory)?;
+        let mut memory: Memory = from_bytes(memory)?;
+        memory.ensemble = memory.ensemble.part(&self.cycle.bands)?;
         self.cycle.require(&memory)?;
         self.cycle.memory = memory;
         Ok(())
     }
 
     fn can(&self) -> Views<'_> {
+        // Columns of which a rank has its part are no answer to these.
+        let is_whole = self.cycle.bands.is_whole();
         Views {
-            joint_errors: Some(self),
-            root: Some(self),
+            joint_errors: is_whole.then_some(self as &dyn JointErrors),
+            root: is_whole.then_some(self as &dyn CovarianceRoot),
             calibration: (self.ensemble().parameters() > 0).then_some(self as &dyn CalibrationErrors),
             smoother: self.cycle.memory.smoother.as_ref().map(|_| self as &dyn Smoother),
             ..Views::default()
@@ -209,7 +214,7 @@ impl<A> CovarianceRoot for EnsembleFilter<A> {
 
 impl<A> CalibrationErrors for EnsembleFilter<A> {
     fn calibration_accuracy(&self) -> CalibrationAccuracy {
-        self.ensemble().calibration_accuracy(self.cycle.problem.background.layout().grid.cells())
+        self.ensemble().calibration_accuracy(&self.cycle.bands)
     }
 }
 

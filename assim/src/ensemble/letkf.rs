@@ -19,9 +19,11 @@ use crate::error::Error;
 use crate::estimate::Estimate;
 use crate::problem::{Innovations, Problem};
 use faer::Mat;
-use isobar_model::{Grid, Model};
+use isobar_model::vector::add;
+use isobar_model::{Bands, Grid, Model};
 use isobar_obs::ByPlacement;
 use rayon::prelude::*;
+use std::ops::Range;
 use std::sync::Arc;
 
 /// How the analysis is localised.
@@ -191,16 +193,17 @@ impl EnsembleAnalysis for LocalTransform {
             shared: &shared,
             last_factors: variance_factors,
         };
-        let found = analyse_bands(&plan, ensemble, &mut earlier);
+        let found = analyse_bands(&plan, &cycle.bands, ensemble, &mut earlier);
         for (number, (mean, perturbations)) in means.into_iter().zip(&perturbations).enumerate() {
             let found = found.iter().map(|found| &found.parameters[number]);
-            let analysed = analysed_parameters(mean, perturbations, &shared, found);
+            let analysed = analysed_parameters(mean, perturbations, &plan, &cycle.bands, found);
             match number.checked_sub(1) {
                 None => ensemble.set_parameters(&analysed),
                 Some(number) => earlier[number].set_rows_from(layout.len(), &analysed),
             }
         }
-        *variance_factors = found.into_iter().flat_map(|found| found.variance_factors).collect();
+        let own_factors: Vec<f64> = found.into_iter().flat_map(|found| found.variance_factors).collect();
+        *variance_factors = cycle.bands.communicator().gather_all(&own_factors).concat();
 
         // χ² alone needs the covariance of all observations, and is given where there is memory for it.
         let shared = SharedParameters { numbers: &self.shared, perturbations: perturbations[0].as_ref() };
@@ -213,15 +216,27 @@ impl EnsembleAnalysis for LocalTransform {
     }
 }
 
-/// Applies the local analyses to the states of the members, now and in earlier ensembles.
-fn analyse_bands(plan: &Plan<'_>, ensemble: &mut Ensemble, earlier: &mut [&mut Moments]) -> Vec<BesideState> {
-    let (rows, height) = (&plan.weights.rows, band_height(plan.weights));
-    let bands = || (0..rows.len()).step_by(height).map(|first| first..rows.len().min(first + height));
-    let lengths: Vec<usize> = bands().map(|points| rows.cells(points).len() * plan.grid.nx).collect();
-    let cells = plan.grid.cells();
+/// Applies the local analyses to the states of the members, now and in earlier ensembles, in the rows that this rank has.
+fn analyse_bands(
+    plan: &Plan<'_>,
+    ranks: &Bands,
+    ensemble: &mut Ensemble,
+    earlier: &mut [&mut Moments],
+) -> Vec<BesideState> {
+    let (rows, height, own) = (&plan.weights.rows, band_height(plan.weights), ranks.own());
+    let (first, last) = (rows.around(own.start)[0].0, rows.around(own.end - 1)[0].0);
+    let bands = || (first..=last).step_by(height).map(|first| first..(last + 1).min(first + height));
+    let own_rows = |points: Range<usize>| {
+        let Range { start, end } = rows.cells(points);
+        start.max(own.start)..end.min(own.end)
+    };
+    let lengths: Vec<usize> = bands().map(|points| own_rows(points).len() * plan.grid.nx).collect();
+    let cells = ranks.own_cells().len();
     let fields = ensemble.split_fields(cells, &lengths);
     let in_bands = bands().zip(fields);
-    let mut bands: Vec<_> = in_bands.map(|(points, fields)| Band { points, fields, earlier: Vec::new() }).collect();
+    let mut bands: Vec<_> = in_bands
+        .map(|(points, fields)| Band { rows: own_rows(points.clone()), points, fields, earlier: Vec::new() })
+        .collect();
     for earlier in earlier {
         let pieces = earlier.split_fields(plan.variables * cells, cells, &lengths);
         bands.iter_mut().zip(pieces).for_each(|(band, piece)| band.earlier.push(piece));
@@ -229,23 +244,33 @@ fn analyse_bands(plan: &Plan<'_>, ensemble: &mut Ensemble, earlier: &mut [&mut M
     bands.into_par_iter().map(|band| plan.analyse(band)).collect()
 }
 
-/// The analysed moments of all parameters of an ensemble, from their background and from what the bands find; parameters that no
-/// band finds keep theirs.
+/// The analysed moments of all parameters of an ensemble, from their background and from what the bands of all ranks find; shared
+/// parameters that are not observed keep theirs.
 fn analysed_parameters<'a>(
     mean: Vec<f64>,
     perturbations: &Mat<f64>,
-    shared: &[(usize, Vec<f64>)],
+    plan: &Plan<'_>,
+    ranks: &Bands,
     found: impl Iterator<Item = &'a BandParameters> + Clone,
 ) -> Moments {
-    let members = perturbations.ncols();
-    let mut deviations =
-        Mat::from_fn(mean.len(), members + 1, |i, j| if j < members { perturbations[(i, j)] } else { 0.0 });
-    for (number, analysed) in found.clone().flat_map(|found| &found.local) {
-        (0..=members).for_each(|j| deviations[(*number, j)] = analysed[j]);
+    let (members, shared) = (perturbations.ncols(), plan.shared);
+    let mut analysed = vec![0.0; mean.len() * (members + 1)];
+    for (number, row) in found.clone().flat_map(|found| &found.local) {
+        analysed[number * (members + 1)..][..members + 1].copy_from_slice(row);
     }
-    for (i, &(number, _)) in shared.iter().enumerate() {
-        let of_rows = || found.clone().flat_map(|found| found.shared.iter().skip(i).step_by(shared.len()));
-        (0..=members).for_each(|j| deviations[(number, j)] = of_rows().map(|analysed| analysed[j]).sum());
+    for (i, (number, _)) in shared.iter().enumerate() {
+        for row in found.clone().flat_map(|found| found.shared.iter().skip(i).step_by(shared.len())) {
+            add(&mut analysed[number * (members + 1)..][..members + 1], row);
+        }
     }
+    ranks.communicator().sum(&mut analysed);
+    let mut is_analysed = vec![false; mean.len()];
+    plan.local.iter().for_each(|&(_, number)| is_analysed[number] = true);
+    shared.iter().for_each(|&(number, _)| is_analysed[number] = true);
+    let deviations = Mat::from_fn(mean.len(), members + 1, |i, j| match is_analysed[i] {
+        true => analysed[i * (members + 1) + j],
+        false if j < members => perturbations[(i, j)],
+        false => 0.0,
+    });
     Moments::of_transformed(mean, &deviations)
 }

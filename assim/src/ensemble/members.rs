@@ -4,22 +4,25 @@ use super::model_error::add_model_error;
 use super::moments::{Moments, split_fields, variable_scales};
 use super::{EnsembleSettings, InitialMembers};
 use crate::calibration_accuracy::CalibrationAccuracy;
-use crate::covariance::{self, randomize};
+use crate::covariance::{self, Covariance, randomize};
 use crate::error::Error;
 use crate::estimate::Estimate;
 use crate::linalg::{add_symmetric_product, cholesky, column, polar_factor, product, qr, semidefinite_root};
-use crate::memory::Matrix;
+use crate::memory::{Matrix, require};
 use crate::problem::{Problem, steps};
 use faer::{Mat, MatRef};
 use isobar_model::random::{standard_normals, stream};
 use isobar_model::vector::{add, axpy, dot, subtract};
-use isobar_model::{Duration, Model, State, Time, forecast};
+use isobar_model::{Bands, Duration, Model, State, Time, forecast};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use rayon::slice::ChunksExact;
 use serde::{Deserialize, Serialize};
 
 /// N members of the augmented state (x, c), each a column of m + p values; p is zero where biases are not estimated.
+///
+/// Where several ranks compute a run, each has the state's values in its band of rows, of which m is the number then, and all
+/// parameters.
 #[derive(Clone, Serialize, Deserialize)]
 pub struct Ensemble {
     /// m.
@@ -43,7 +46,9 @@ impl Ensemble {
         random: &mut ChaCha8Rng,
     ) -> Result<Self, Error> {
         let calibration = problem.estimated_calibration();
-        let (m, p, members) = (problem.background.values().len(), calibration.len(), settings.members);
+        let bands = problem.bands();
+        let mut mean = bands.own_part(problem.background.values());
+        let (m, p, members) = (mean.len(), calibration.len(), settings.members);
         check(settings.initial_members, p, members)?;
         let numbers = 4.0 * (m + p) as f64 * members as f64 + exact_sampling(settings.initial_members, members);
         problem.require_memory(numbers, || format!("an ensemble of {members} members of {} unknowns", m + p))?;
@@ -51,17 +56,31 @@ impl Ensemble {
         let root = cholesky(prior, || "the prior covariance of the calibration parameters".into())?;
         let perturbations = match settings.initial_members {
             InitialMembers::Random => {
+                let background_error = &*problem.background_error;
+                let draw = || {
+                    let normals = standard_normals(random, background_error.control_len());
+                    (normals, standard_normals(random, p))
+                };
                 let mut values = Vec::with_capacity((m + p) * members);
-                for _ in 0..members {
-                    values.extend(randomize(&*problem.background_error, random));
-                    let biases = product(root.as_ref(), column(&standard_normals(random, p)).as_ref());
+                for (state, normals) in
+                    draw_parts(&bands, (Some(background_error), background_error.len()), members, draw)
+                {
+                    let biases = product(root.as_ref(), column(&normals).as_ref());
+                    values.extend(state);
                     values.extend_from_slice(biases.col_as_slice(0));
                 }
                 values
             }
-            InitialMembers::SecondOrderExact => second_order_exact(problem, &root, members, random),
+            InitialMembers::SecondOrderExact => {
+                let whole = second_order_exact(problem, &root, members, random);
+                let (len, mut values) = (problem.background.values().len(), Vec::with_capacity((m + p) * members));
+                for member in whole.chunks_exact(len + p) {
+                    values.extend(bands.own_part(&member[..len]));
+                    values.extend_from_slice(&member[len..]);
+                }
+                values
+            }
         };
-        let mut mean = problem.background.values().to_vec();
         mean.resize(m + p, 0.0);
         let time = problem.background.time();
         let mut ensemble = Self { state_values: m, rows: m + p, values: perturbations, time };
@@ -187,6 +206,11 @@ impl Ensemble {
         }
     }
 
+    /// m, the number of values of a state that this rank has.
+    pub(super) fn state_values(&self) -> usize {
+        self.state_values
+    }
+
     /// The state's fields of `cells` values, cut at these lengths: for each piece the parts of the first member's fields,
     /// then those of the second's …
     pub(super) fn split_fields(&mut self, cells: usize, lengths: &[usize]) -> Vec<Vec<&mut [f64]>> {
@@ -206,6 +230,14 @@ impl Ensemble {
         let layout = problem.background.layout();
         let kept = problem.estimated_calibration().kept(window);
         let time = self.time;
+        for member in self.values.chunks_exact_mut(self.rows) {
+            member[m..].iter_mut().zip(&kept).for_each(|(value, kept)| *value *= kept);
+        }
+        if let Some(model) = problem.model.in_bands() {
+            let mut parts: Vec<&mut [f64]> = self.values.chunks_exact_mut(self.rows).map(|it| &mut it[..m]).collect();
+            model.forecast_parts(&mut parts, time, steps)?;
+            return self.add_errors(problem, settings, window, random);
+        }
         let share = self.members().div_ceil(rayon::current_num_threads());
         let groups = share.div_ceil(problem.model.best_together().clamp(1, share));
         let together = share.div_ceil(groups);
@@ -215,29 +247,41 @@ impl Ensemble {
             forecast::forecast_together(&*problem.model, &mut states, steps)?;
             for (member, state) in members.chunks_exact_mut(self.rows).zip(&states) {
                 member[..m].copy_from_slice(state.values());
-                member[m..].iter_mut().zip(&kept).for_each(|(value, kept)| *value *= kept);
             }
             Ok::<(), Error>(())
         })?;
-        self.time = time.map(|time| time + window);
+        self.add_errors(problem, settings, window, random)
+    }
+
+    /// Adds what a window adds to the errors of members that have been forecast through it.
+    fn add_errors(
+        &mut self,
+        problem: &Problem<dyn Model>,
+        settings: &EnsembleSettings,
+        window: Duration,
+        random: &mut ChaCha8Rng,
+    ) -> Result<(), Error> {
+        self.time = self.time.map(|time| time + window);
         let mut moments = self.moments();
         add_model_error(problem, settings.model_error, window, &mut moments.perturbations, random);
         self.set(&moments);
         Ok(())
     }
 
-    /// The members' covariance of the parameters and of the means of the state's fields of `cells` values.
-    pub(super) fn calibration_accuracy(&self, cells: usize) -> CalibrationAccuracy {
+    /// The members' covariance of the parameters and of the means of the state's fields.
+    pub(super) fn calibration_accuracy(&self, bands: &Bands) -> CalibrationAccuracy {
         let (m, p, Moments { perturbations, .. }) = (self.state_values, self.parameters(), self.moments());
-        let row = |number: usize, member: &[f64]| {
-            if number < p {
-                member[m + number]
-            } else {
-                member[(number - p) * cells..][..cells].iter().sum::<f64>() / cells as f64
-            }
-        };
-        let (rows, members) = (p + m / cells, self.members());
-        let reduced = Mat::from_fn(rows, members, |i, j| row(i, perturbations.col_as_slice(j)));
+        let (own, cells) = (bands.own_cells().len(), bands.grid().cells());
+        let (fields, members) = (m / own, self.members());
+        let mut sums: Vec<f64> = (0..members)
+            .flat_map(|j| perturbations.col_as_slice(j)[..m].chunks_exact(own).map(|field| field.iter().sum()))
+            .collect();
+        bands.communicator().sum(&mut sums);
+        let rows = p + fields;
+        let reduced = Mat::from_fn(rows, members, |i, j| match i.checked_sub(p) {
+            None => perturbations[(m + i, j)],
+            Some(field) => sums[j * fields + field] / cells as f64,
+        });
         let mut joint = Mat::zeros(rows, rows);
         let scale = 1.0 / (members - 1) as f64;
         add_symmetric_product(joint.as_mut(), scale, reduced.as_ref(), reduced.transpose());
@@ -259,26 +303,111 @@ impl Ensemble {
         }
     }
 
-    /// State and full calibration of a member or a mean.
-    pub(super) fn unpack(&self, problem: &Problem<dyn Model>, values: &[f64]) -> (State, Vec<f64>) {
-        let state = State::from_values(problem.background.layout(), values[..self.state_values].to_vec());
-        let state = state.valid_at(self.time);
-        let mut calibration = values[self.state_values..].to_vec();
+    /// State and full calibration, given the values of a whole state and the parameters that are estimated.
+    pub(super) fn unpack(
+        &self,
+        problem: &Problem<dyn Model>,
+        state: Vec<f64>,
+        parameters: &[f64],
+    ) -> (State, Vec<f64>) {
+        let state = State::from_values(problem.background.layout(), state).valid_at(self.time);
+        let mut calibration = parameters.to_vec();
         calibration.resize(problem.calibration.len(), 0.0);
         (state, calibration)
     }
 
+    /// State and full calibration of a member of which this rank has all.
+    pub(super) fn unpack_member(&self, problem: &Problem<dyn Model>, member: &[f64]) -> (State, Vec<f64>) {
+        let (state, parameters) = member.split_at(self.state_values);
+        self.unpack(problem, state.to_vec(), parameters)
+    }
+
     /// Mean and standard deviation of the members.
-    pub(super) fn estimate(&self, problem: &Problem<dyn Model>) -> Estimate {
+    pub(super) fn estimate(&self, problem: &Problem<dyn Model>, bands: &Bands) -> Estimate {
         let mean = self.mean();
-        self.estimate_of(problem, &mean, self.spread(&mean))
+        self.estimate_of(problem, bands, &mean, self.spread(&mean))
     }
 
     /// An estimate from a mean and standard deviations, both `[m + p]`.
-    pub(super) fn estimate_of(&self, problem: &Problem<dyn Model>, mean: &[f64], spread: Vec<f64>) -> Estimate {
-        let (state, calibration) = self.unpack(problem, mean);
+    pub(super) fn estimate_of(
+        &self,
+        problem: &Problem<dyn Model>,
+        bands: &Bands,
+        mean: &[f64],
+        mut spread: Vec<f64>,
+    ) -> Estimate {
+        let (state, parameters) = mean.split_at(self.state_values);
+        let of_parameters = spread.split_off(self.state_values);
+        let mut state = bands.gather([state, &spread].concat());
+        let mut spread = state.split_off(state.len() / 2);
+        spread.extend(of_parameters);
+        let (state, calibration) = self.unpack(problem, state, parameters);
         Estimate::with_spread(state, calibration, spread)
     }
+
+    /// The members of all ranks, on rank 0; members without values of the state on the others.
+    pub(super) fn gathered(&self, bands: &Bands) -> Self {
+        if bands.is_whole() {
+            return self.clone();
+        }
+        let mut values = Vec::new();
+        let mut state_values = 0;
+        for member in self.values.chunks_exact(self.rows) {
+            let (state, parameters) = member.split_at(self.state_values);
+            let state = bands.gather_to_first(state.to_vec());
+            state_values = state.len();
+            values.extend(state);
+            values.extend_from_slice(parameters);
+        }
+        Self { state_values, rows: state_values + self.parameters(), values, time: self.time }
+    }
+
+    /// This rank's part of whole members.
+    ///
+    /// # Errors
+    /// [`Error::Memory`] if they are not members of states of the bands' grid.
+    pub(super) fn part(self, bands: &Bands) -> Result<Self, Error> {
+        if bands.is_whole() {
+            return Ok(self);
+        }
+        let Self { state_values, rows, values, time } = self;
+        let is_whole = state_values <= rows
+            && rows > 0
+            && values.len().is_multiple_of(rows)
+            && state_values.is_multiple_of(bands.grid().cells());
+        require(is_whole, "the ensemble")?;
+        let own_values = state_values / bands.grid().ny * bands.own().len();
+        let of_member =
+            |member: &[f64]| [&bands.own_part(&member[..state_values])[..], &member[state_values..]].concat();
+        let values = values.chunks_exact(rows).flat_map(of_member).collect();
+        Ok(Self { state_values: own_values, rows: own_values + rows - state_values, values, time })
+    }
+}
+
+/// Parts of draws from N(0, U Uᵀ) for states of `len` values, zero if there is no covariance, given what all ranks draw alike for each: normal numbers of the root's control space, and others,
+/// which are given back. Each rank makes whole columns of its share of the draws.
+pub(super) fn draw_parts(
+    bands: &Bands,
+    (covariance, len): (Option<&dyn Covariance>, usize),
+    draws: usize,
+    mut draw: impl FnMut() -> (Vec<f64>, Vec<f64>),
+) -> impl Iterator<Item = (Vec<f64>, Vec<f64>)> {
+    let (share, mut own, mut others) = (bands.share(draws), Vec::new(), Vec::new());
+    for number in 0..draws {
+        let (normals, other) = draw();
+        others.push(other);
+        if share.contains(&number) {
+            own.push(normals);
+        }
+    }
+    let make = |normals: &Vec<f64>| {
+        let mut column = vec![0.0; len];
+        if let Some(covariance) = covariance {
+            covariance.root_add(normals, &mut column);
+        }
+        column
+    };
+    bands.deal(own.par_iter().map(make).collect()).into_iter().zip(others)
 }
 
 /// √(N−1) F Ω, column-major `[m + p, N]`: F holds the leading factors of B and the priors, Ω `[N − 1, N]` orthonormal rows

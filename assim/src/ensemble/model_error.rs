@@ -1,6 +1,7 @@
 //! What a cycle adds to the members: model error and the drift of the biases.
 
 use super::ModelErrorTreatment;
+use super::members::draw_parts;
 use super::moments::{spread, variable_scales};
 use crate::covariance;
 use crate::linalg::{add_product, add_symmetric_product, eigen, product};
@@ -31,7 +32,7 @@ pub(super) fn add_model_error(
     if problem.model_error.is_none() && drift.iter().all(|&sigma| sigma == 0.0) {
         return;
     }
-    let mut draws = draws(problem, &drift, perturbations.nrows(), perturbations.ncols(), random);
+    let mut draws = draws(problem, &drift, perturbations.ncols(), random);
     if treatment == ModelErrorTreatment::SquareRoot {
         let span = Span::new(problem, perturbations);
         span.remove_from(&mut draws);
@@ -41,27 +42,22 @@ pub(super) fn add_model_error(
 }
 
 /// N draws of Q and the walks, with mean zero, `[m + p, N]`.
-fn draws(
-    problem: &Problem<dyn Model>,
-    drift: &[f64],
-    rows: usize,
-    members: usize,
-    random: &mut ChaCha8Rng,
-) -> Mat<f64> {
-    let m = rows - drift.len();
-    let controls = problem.model_error.as_ref().map_or(0, |model_error| model_error.control_len());
-    let normals: Vec<Vec<f64>> = (0..members).map(|_| standard_normals(random, controls + drift.len())).collect();
-    let columns: Vec<Vec<f64>> = normals
-        .par_iter()
-        .map(|normals| {
-            let mut column = vec![0.0; m];
-            if let Some(model_error) = &problem.model_error {
-                model_error.root_add(&normals[..controls], &mut column);
-            }
-            column.extend(normals[controls..].iter().zip(drift).map(|(normal, sigma)| normal * sigma));
+fn draws(problem: &Problem<dyn Model>, drift: &[f64], members: usize, random: &mut ChaCha8Rng) -> Mat<f64> {
+    let bands = problem.bands();
+    let model_error = problem.model_error.as_deref();
+    let controls = model_error.map_or(0, |model_error| model_error.control_len());
+    let draw = || {
+        let mut normals = standard_normals(random, controls + drift.len());
+        let of_drift = normals.split_off(controls);
+        (normals, of_drift)
+    };
+    let columns: Vec<Vec<f64>> = draw_parts(&bands, (model_error, problem.background.values().len()), members, draw)
+        .map(|(mut column, normals)| {
+            column.extend(normals.iter().zip(drift).map(|(normal, sigma)| normal * sigma));
             column
         })
         .collect();
+    let rows = columns.first().map_or(0, Vec::len);
     let mean: Vec<f64> =
         (0..rows).map(|i| columns.iter().map(|column| column[i]).sum::<f64>() / members as f64).collect();
     Mat::from_fn(rows, members, |i, j| columns[j][i] - mean[i])

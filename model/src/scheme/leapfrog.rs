@@ -29,6 +29,7 @@ use crate::state::{Layout, State};
 use crate::stored::{ColumnsMut, Stored};
 use crate::time::Duration;
 use crate::vector;
+use std::ops::Range;
 use std::sync::Arc;
 
 /// A tendency integrated by leapfrog; its states hold two time levels.
@@ -53,6 +54,11 @@ impl<T: Tendency> Leapfrog<T> {
         let variables = one.variables.iter().chain(&one.variables).cloned().collect();
         let layout = Arc::new(Layout { grid: one.grid.clone(), variables });
         Ok(Self { tendency, layout, time_step, robert_filter })
+    }
+
+    /// The same on some rows, as [`Tendency::in_rows`].
+    pub(super) fn in_rows(&self, rows: &Range<isize>) -> Option<Self> {
+        Self::new(self.tendency.in_rows(rows)?, self.time_step, self.robert_filter).ok()
     }
 
     /// The right-hand side.

@@ -41,6 +41,7 @@ use crate::forecast::{Adjoint, Between, Model, TangentLinear, along};
 use crate::state::{Layout, State};
 use crate::stored::{ColumnsMut, Stored};
 use crate::time::{Duration, Time};
+use std::ops::Range;
 use std::sync::Arc;
 
 /// By how much a wave may grow in a cycle.
@@ -149,6 +150,16 @@ impl<T: Tendency> Model for RestartedLeapfrog<T> {
         // The waves of least damping are taken to have none: the bounds do not say which waves are damped.
         let oscillation = self.leapfrog.tendency().spectral_bounds(x.values()).oscillation_per_s;
         self.leapfrog.largest_time_step_s(x).min(self.largest_angle / oscillation)
+    }
+
+    fn in_rows(&self, rows: &Range<isize>) -> Option<Arc<dyn Adjoint>> {
+        let forcing = Arc::new(self.forcing.in_rows(&self.layout().grid, rows));
+        Some(Arc::new(Self { leapfrog: self.leapfrog.in_rows(rows)?, forcing, ..*self }))
+    }
+
+    /// As far as f in each leapfrog step and in the start.
+    fn reach(&self) -> usize {
+        self.leapfrog.tendency().reach() * (self.steps + 1) + 1
     }
 
     fn needs_time(&self) -> bool {

@@ -31,6 +31,7 @@ use crate::state::{Layout, State};
 use crate::stored::ColumnsMut;
 use crate::time::Duration;
 use crate::vector;
+use std::ops::Range;
 use std::sync::Arc;
 
 /// How a tendency is integrated in time.
@@ -193,6 +194,15 @@ impl<T: Tendency> Model for Stepped<T> {
 
     fn largest_time_step_s(&self, x: &State) -> f64 {
         self.scheme.largest_time_step_s(self.tendency.spectral_bounds(x.values()))
+    }
+
+    fn in_rows(&self, rows: &Range<isize>) -> Option<Arc<dyn Adjoint>> {
+        Some(Arc::new(Self { tendency: self.tendency.in_rows(rows)?, ..*self }))
+    }
+
+    /// Each stage reaches as far as f; the flow through a wall, which is zero, belongs to the row beside it.
+    fn reach(&self) -> usize {
+        self.tendency.reach() * self.scheme.coefficients().1.len() + 1
     }
 
     fn check_state(&self, x: &State) -> Result<(), ModelError> {

@@ -5,18 +5,34 @@ use super::strips::Lanes;
 use crate::error::ModelError;
 use crate::state::Layout;
 use crate::stored::Stored;
+use std::ops::Range;
 use std::sync::Arc;
 
 /// An autonomous right-hand side dx/dt = f(x), with the derivative f'(x) and its transpose.
 ///
 /// All states and increments are slices `[variable, y, x]` of the layout's length. `scratch` has
 /// [`Tendency::scratch_len`] values, all zero when it is first used, and serves one tendency only.
-pub trait Tendency: Send + Sync {
+pub trait Tendency: Send + Sync + 'static {
     /// What f'(x) needs to know of x: coefficient fields, computed once and shared by all increments.
     type Linearisation: Send + Sync;
 
     /// Grid and variables.
     fn layout(&self) -> &Arc<Layout>;
+
+    /// f on some rows of the grid, as a domain of its own with walls at both ends, where `rows` may go beyond a periodic edge: it is
+    /// the same as on the whole, to the bit, but within [`Tendency::reach`] rows of an end that is no wall of the whole. `None` if
+    /// there is no such form of it.
+    fn in_rows(&self, _rows: &Range<isize>) -> Option<Self>
+    where
+        Self: Sized,
+    {
+        None
+    }
+
+    /// How many rows of x on either side f depends on.
+    fn reach(&self) -> usize {
+        1
+    }
 
     /// Number of values of scratch space the other functions need.
     fn scratch_len(&self) -> usize {

@@ -10,6 +10,7 @@ use crate::scheme::{Lanes, SpectralBounds, Tendency};
 use crate::state::{Layout, State};
 use crate::stored::Stored;
 
+use std::ops::Range;
 use std::sync::Arc;
 
 /// dx/dt = N'(x̄)(x − x̄): the [`ShallowWater`] tendency N linearised about a steady zonal flow x̄.
@@ -121,6 +122,17 @@ impl Tendency for LinearShallowWater {
 
     fn layout(&self) -> &Arc<Layout> {
         &self.nonlinear.layout
+    }
+
+    fn in_rows(&self, rows: &Range<isize>) -> Option<Self> {
+        let nonlinear = self.nonlinear.in_rows(rows)?;
+        let values = self.layout().grid.take_rows(rows, self.basic_state.values());
+        let basic_state = State::from_values(nonlinear.layout(), values);
+        Some(Self { bounds: self.bounds, ..Self::about(nonlinear, basic_state) })
+    }
+
+    fn reach(&self) -> usize {
+        self.nonlinear.reach()
     }
 
     fn scratch_len(&self) -> usize {

@@ -48,6 +48,7 @@ use crate::state::{Layout, Variable};
 use crate::stored::Stored;
 
 use pulp::{Arch, Simd, WithSimd};
+use std::ops::Range;
 use std::sync::Arc;
 
 /// Number of the thickness h among the variables.
@@ -90,6 +91,8 @@ pub struct ShallowWater {
     parameters: ShallowWaterParameters,
     form: VectorInvariant,
     halo: Halo,
+    /// The row, counted like the others, at which f = f0: in the middle of the domain, of which the grid may be some rows.
+    middle_row: f64,
     /// f at the corners, padded.
     coriolis: Vec<f64>,
 }
@@ -160,12 +163,26 @@ impl ShallowWater {
     /// If a parameter is outside of its range or the grid has fewer than 4 × 4 cells.
     pub fn new(grid: Grid, parameters: ShallowWaterParameters, form: VectorInvariant) -> Result<Self, ModelError> {
         parameters.validate(grid.boundary)?;
+        let middle_row = 0.5 * grid.ny as f64;
+        Self::about_row(grid, parameters, form, middle_row)
+    }
+
+    /// The equations with f = f0 at a row.
+    fn about_row(
+        grid: Grid,
+        parameters: ShallowWaterParameters,
+        form: VectorInvariant,
+        middle_row: f64,
+    ) -> Result<Self, ModelError> {
         let halo = Halo::new(&grid, 1)?;
-        let mut coriolis = halo.zeros();
-        for (row, values) in halo.core_mut(&mut coriolis).chunks_exact_mut(halo.stride()).enumerate() {
-            values.fill(coriolis_at(&grid, &parameters, row as f64 - 1.0));
+        let coriolis = halo.zeros();
+        let mut equations = Self { layout: layout(grid), parameters, form, halo, middle_row, coriolis };
+        for row in 0..equations.halo.core_len() / equations.halo.stride() {
+            let coriolis = equations.coriolis_at(row as f64 - 1.0);
+            let stride = equations.halo.stride();
+            equations.halo.core_mut(&mut equations.coriolis)[row * stride..][..stride].fill(coriolis);
         }
-        Ok(Self { layout: layout(grid), parameters, form, halo, coriolis })
+        Ok(equations)
     }
 
     /// The physical parameters.
@@ -180,7 +197,13 @@ impl ShallowWater {
 
     /// f at the corners of row `j` \[s⁻¹\] (row 0 is the southern edge, row `ny` the northern).
     pub fn coriolis_per_s(&self, j: usize) -> f64 {
-        coriolis_at(&self.layout.grid, &self.parameters, j as f64)
+        self.coriolis_at(j as f64)
+    }
+
+    /// f at the corners of a row, which may lie outside of the domain.
+    fn coriolis_at(&self, row: f64) -> f64 {
+        let ShallowWaterParameters { coriolis_per_s, beta_per_m_per_s, .. } = self.parameters;
+        coriolis_per_s + beta_per_m_per_s * (row - self.middle_row) * self.layout.grid.dy_m
     }
 
     /// The number of a row that may be beyond a periodic edge; in a channel row `ny` lies beyond the northern wall.
@@ -203,6 +226,16 @@ impl Tendency for ShallowWater {
 
     fn layout(&self) -> &Arc<Layout> {
         &self.layout
+    }
+
+    fn in_rows(&self, rows: &Range<isize>) -> Option<Self> {
+        let (grid, middle_row) = (self.layout.grid.of_rows(rows), self.middle_row - rows.start as f64);
+        Self::about_row(grid, self.parameters, self.form, middle_row).ok()
+    }
+
+    /// With hyperdiffusion two rows.
+    fn reach(&self) -> usize {
+        if self.parameters.hyperdiffusion_m4_per_s == 0.0 { 1 } else { 2 }
     }
 
     fn scratch_len(&self) -> usize {
@@ -289,11 +322,6 @@ impl Tendency for ShallowWater {
             damping_per_s: parameters.drag_per_s + parameters.hyperdiffusion_m4_per_s * (4.0 * inverse_squares).powi(2),
         }
     }
-}
-
-/// f at the corners of a row, which may lie outside of the domain.
-fn coriolis_at(grid: &Grid, parameters: &ShallowWaterParameters, row: f64) -> f64 {
-    parameters.coriolis_per_s + parameters.beta_per_m_per_s * (row - 0.5 * grid.ny as f64) * grid.dy_m
 }
 
 /// The largest absolute value, leaving out what is not a number.

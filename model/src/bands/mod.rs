@@ -1,0 +1,177 @@
+//! The grid in bands of rows, one for each of the ranks that compute a run together, and a model that they integrate together.
+
+mod exchange;
+mod model;
+
+pub use exchange::RowExchange;
+pub use model::BandedModel;
+
+use crate::communicator::{Alone, Communicator};
+use crate::grid::Grid;
+use std::ops::Range;
+use std::sync::Arc;
+
+/// Which rank has which rows of a grid: bands of as equal numbers of rows as can be, in the order of ranks.
+#[derive(Clone)]
+pub struct Bands {
+    grid: Grid,
+    communicator: Arc<dyn Communicator>,
+}
+
+impl Bands {
+    /// The bands of all ranks of a communicator.
+    ///
+    /// # Panics
+    /// If there are more ranks than rows.
+    pub fn new(grid: &Grid, communicator: Arc<dyn Communicator>) -> Self {
+        assert!(communicator.ranks() <= grid.ny, "a rank would have no row");
+        Self { grid: grid.clone(), communicator }
+    }
+
+    /// The whole grid in one process.
+    pub fn whole(grid: &Grid) -> Self {
+        Self::new(grid, Arc::new(Alone))
+    }
+
+    /// Whether this process has the whole grid.
+    pub fn is_whole(&self) -> bool {
+        self.communicator.ranks() == 1
+    }
+
+    /// What the ranks exchange numbers by.
+    pub fn communicator(&self) -> &dyn Communicator {
+        &*self.communicator
+    }
+
+    /// The grid that is divided.
+    pub fn grid(&self) -> &Grid {
+        &self.grid
+    }
+
+    /// The rows of a rank.
+    pub fn of_rank(&self, rank: usize) -> Range<usize> {
+        let (ny, ranks) = (self.grid.ny, self.communicator.ranks());
+        rank * ny / ranks..(rank + 1) * ny / ranks
+    }
+
+    /// The rows of this rank.
+    pub fn own(&self) -> Range<usize> {
+        self.of_rank(self.communicator.rank())
+    }
+
+    /// The cells of this rank, which lie one after another.
+    pub fn own_cells(&self) -> Range<usize> {
+        let Range { start, end } = self.own();
+        start * self.grid.nx..end * self.grid.nx
+    }
+
+    /// The rank of a row.
+    pub fn rank_of(&self, row: usize) -> usize {
+        let (ny, ranks) = (self.grid.ny, self.communicator.ranks());
+        // The last rank whose first row is not beyond it.
+        ((row + 1) * ranks - 1) / ny
+    }
+
+    /// This rank's part of fields `[field, y, x]`.
+    pub fn own_part(&self, whole: &[f64]) -> Vec<f64> {
+        self.part_of(self.communicator.rank(), whole)
+    }
+
+    fn part_of(&self, rank: usize, whole: &[f64]) -> Vec<f64> {
+        let Range { start, end } = self.of_rank(rank);
+        self.grid.take_rows(&(start as isize..end as isize), whole)
+    }
+
+    /// All rows of fields of which each rank has its part, on all ranks. Collective.
+    pub fn gather(&self, own: Vec<f64>) -> Vec<f64> {
+        if self.is_whole() {
+            return own;
+        }
+        self.join(own.len() / self.own_cells().len(), &self.communicator.gather_all(&own))
+    }
+
+    /// All rows of fields of which each rank has its part, on rank 0; nothing on the others. Collective.
+    pub fn gather_to_first(&self, own: Vec<f64>) -> Vec<f64> {
+        if self.is_whole() {
+            return own;
+        }
+        let fields = own.len() / self.own_cells().len();
+        let all: Vec<usize> = (0..self.communicator.ranks()).collect();
+        let is_first = self.communicator.rank() == 0;
+        let parts = self.communicator.exchange(vec![(0, own)], if is_first { &all } else { &[] });
+        if is_first { self.join(fields, &parts) } else { Vec::new() }
+    }
+
+    /// The whole fields of the parts of all ranks.
+    fn join(&self, fields: usize, parts: &[Vec<f64>]) -> Vec<f64> {
+        let mut whole = vec![0.0; fields * self.grid.cells()];
+        for (rank, part) in parts.iter().enumerate() {
+            let Range { start, end } = self.of_rank(rank);
+            let (first, cells) = (start * self.grid.nx, (end - start) * self.grid.nx);
+            for (field, part) in whole.chunks_exact_mut(self.grid.cells()).zip(part.chunks_exact(cells)) {
+                field[first..first + cells].copy_from_slice(part);
+            }
+        }
+        whole
+    }
+
+    /// Which of a number of columns each rank makes, in order: those of this one.
+    pub fn share(&self, columns: usize) -> Range<usize> {
+        let (rank, ranks) = (self.communicator.rank(), self.communicator.ranks());
+        rank * columns / ranks..(rank + 1) * columns / ranks
+    }
+
+    /// Columns `[field, y, x]` that each rank has made whole, `own` of them here, as parts of all columns: those of rank 0, then
+    /// those of rank 1 …, `[field, own y, x]` each. Collective.
+    pub fn deal(&self, own: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
+        if self.is_whole() {
+            return own;
+        }
+        let ranks = self.communicator.ranks();
+        let to = |rank: usize| own.iter().flat_map(|column| self.part_of(rank, column)).collect();
+        let outgoing = (0..ranks).map(|rank| (rank, to(rank))).collect();
+        let counts = self.communicator.gather_all(&[own.len() as f64]);
+        let sources: Vec<usize> = (0..ranks).collect();
+        let received = self.communicator.exchange(outgoing, &sources);
+        let of_rank = |(values, count): (Vec<f64>, Vec<f64>)| match values.len().checked_div(count[0] as usize) {
+            Some(len) => values.chunks_exact(len).map(<[f64]>::to_vec).collect(),
+            None => Vec::new(),
+        };
+        received.into_iter().zip(counts).flat_map(of_rank).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::grid::Boundary;
+    use crate::testing::on_ranks;
+
+    fn grid() -> Grid {
+        Grid { nx: 3, ny: 11, dx_m: 1.0, dy_m: 1.0, boundary: Boundary::Periodic }
+    }
+
+    #[test]
+    fn parts_of_all_ranks_are_the_whole() {
+        let whole: Vec<f64> = (0..2 * 33).map(f64::from).collect();
+        let columns: Vec<Vec<f64>> =
+            (0..5).map(|j| whole.iter().map(|value| value + 100.0 * f64::from(j)).collect()).collect();
+        for ranks in [1, 2, 3, 4, 11] {
+            on_ranks(ranks, |communicator| {
+                let rank = communicator.rank();
+                let bands = Bands::new(&grid(), Arc::new(communicator));
+                assert!(bands.own().all(|row| bands.rank_of(row) == rank));
+                let own = bands.own_part(&whole);
+                assert_eq!(own.len(), 2 * bands.own_cells().len());
+                let first = bands.gather_to_first(own.clone());
+                assert_eq!(first, if rank == 0 { whole.clone() } else { Vec::new() });
+                assert_eq!(bands.gather(own), whole);
+                // Column j is made by rank j modulo the number of ranks.
+                let made = |rank: usize| columns.iter().skip(rank).step_by(ranks);
+                let dealt = bands.deal(made(rank).cloned().collect());
+                let expected: Vec<_> = (0..ranks).flat_map(made).map(|column| bands.own_part(column)).collect();
+                assert_eq!(dealt, expected);
+            });
+        }
+    }
+}
