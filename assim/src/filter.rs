@@ -20,6 +20,7 @@ use isobar_model::{Duration, Model, TangentLinear};
 use isobar_obs::{Calibration, ObservationWindow};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
+use std::borrow::Cow;
 use std::sync::Arc;
 
 /// A Kalman filter on the augmented state s = (x, c), where the calibration parameters c are unknowns like the values of
@@ -53,7 +54,7 @@ pub(crate) struct Belief<E> {
 /// A form in which the covariance P of the errors of s = (x, c) is kept, `[m + p, m + p]`.
 pub(crate) trait Errors: Clone + Send + Sync + 'static {
     /// What changes from cycle to cycle.
-    type Memory: Serialize + DeserializeOwned;
+    type Memory: Serialize + DeserializeOwned + Clone;
 
     /// The name of the covariance, for messages.
     const NAME: &'static str;
@@ -99,6 +100,11 @@ pub(crate) trait Errors: Clone + Send + Sync + 'static {
     fn replace_calibration(&mut self, covariance: MatRef<'_, f64>) -> Result<(), Error>;
 
     fn memory(&self) -> &Self::Memory;
+
+    /// That of all ranks, on rank 0. Collective.
+    fn gathered_memory(&self) -> Cow<'_, Self::Memory> {
+        Cow::Borrowed(self.memory())
+    }
 
     /// Takes over the memory of the same form of the same size, of errors of estimates like `s`.
     ///
@@ -238,7 +244,7 @@ impl<E: Errors> Assimilator for Filter<E> {
     }
 
     fn memory(&self) -> Result<Vec<u8>, Error> {
-        to_bytes(&(&self.belief.s, self.belief.errors.memory()))
+        to_bytes(&(&self.belief.s, &*self.belief.errors.gathered_memory()))
     }
 
     fn recall(&mut self, memory: &[u8]) -> Result<(), Error> {
@@ -250,13 +256,15 @@ impl<E: Errors> Assimilator for Filter<E> {
 
     fn can(&self) -> Views<'_> {
         let errors = &self.belief.errors;
+        // Columns of which a rank has its part are no answer to these.
+        let is_whole = self.model.in_bands().is_none();
         Views {
-            joint_errors: Some(self),
-            root: errors.root(),
+            joint_errors: is_whole.then_some(self as &dyn JointErrors),
+            root: errors.root().filter(|_| is_whole),
             calibration: (!self.calibration.is_empty()).then_some(self),
             smoother: errors.smoother().map(|_| self as &dyn Smoother),
             parameters: Some(self),
-            blocks: errors.blocks().map(|_| self as &dyn BlockStructure),
+            blocks: errors.blocks().filter(|_| is_whole).map(|_| self as &dyn BlockStructure),
         }
     }
 

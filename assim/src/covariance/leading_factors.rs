@@ -26,25 +26,27 @@ const IMAGES: usize = 4;
 /// the first one left out are damped, to zero if they are equal to it: a pair of equal eigenvalues is kept or left out as a
 /// whole, for which of its directions comes first only rounding says.
 pub fn leading_factors(covariance: &dyn Covariance, scales: &[f64], rank: usize, stream: &mut ChaCha8Rng) -> Mat<f64> {
-    let columns = leading_columns(covariance, scales, rank, Precision::Double, stream);
+    let columns = leading_columns(covariance, scales, TallMatrix::zeros(covariance.len(), 0, Precision::Double), rank, stream);
     columns.part(0, columns.rows(), 0, &mut Vec::new()).to_owned()
 }
 
-/// [`leading_factors`], all in the memory of one matrix `[len, rank + 10]` of this precision, which stays reserved.
+/// [`leading_factors`], all in the memory of one matrix `[len, rank + 10]` in the precision of one without columns and with as many of
+/// the rows on this rank; that memory stays reserved.
 ///
 /// In single precision the basis Q is what is stored, and Qᵀ A Q is right for it to double precision; A Q is rounded.
 pub(crate) fn leading_columns(
     covariance: &dyn Covariance,
     scales: &[f64],
+    empty: TallMatrix,
     rank: usize,
-    precision: Precision,
     stream: &mut ChaCha8Rng,
 ) -> TallMatrix {
-    let m = covariance.len();
+    let (m, precision) = (covariance.len(), empty.precision());
     let rank = rank.min(m);
     let drawn = drawn(m, rank);
-    let mut basis = TallMatrix::zeros(m, drawn, precision);
-    (0..drawn).for_each(|j| basis.edit_column(j, |column| column.copy_from_slice(&standard_normals(stream, m))));
+    let mut basis = empty;
+    basis.append(drawn);
+    (0..drawn).for_each(|j| basis.set_column(j, &standard_normals(stream, m)));
     for _ in 0..=POWER_ITERATIONS {
         basis.edit_columns(|column| multiply(covariance, scales, column));
         orthonormalise(&mut basis);
@@ -56,9 +58,7 @@ pub(crate) fn leading_columns(
     let gram = product(root.transpose(), product(gram.as_ref(), root.as_ref()).as_ref());
     let rotation = product(root.as_ref(), leading_directions(gram.as_ref(), rank).as_ref());
     basis.recombine(None, rotation.as_ref());
-    basis.edit_columns(|column| {
-        column.iter_mut().zip(scales).for_each(|(value, scale)| *value *= scale);
-    });
+    basis.scale_rows(scales);
     basis
 }
 
@@ -83,20 +83,20 @@ fn multiply(covariance: &dyn Covariance, scales: &[f64], x: &mut [f64]) {
 ///
 /// A few columns at a time: of the symmetric core only the rows of columns that are not replaced yet are computed.
 fn multiply_all(covariance: &dyn Covariance, scales: &[f64], basis: &mut TallMatrix) -> Mat<f64> {
-    let (m, n) = (basis.rows(), basis.columns());
+    let n = basis.columns();
     let mut core = Mat::zeros(n, n);
     for first in (0..n).step_by(IMAGES) {
         let count = IMAGES.min(n - first);
-        let mut images = TallMatrix::zeros(m, count, Precision::Double);
+        let mut images = basis.zeros_like(count, Precision::Double);
         for j in 0..count {
-            images.edit_column(j, |image| image.copy_from_slice(&basis.column(first + j)));
+            images.edit_own_column(j, |image| image.copy_from_slice(&basis.own_column(first + j)));
         }
         images.edit_columns(|column| multiply(covariance, scales, column));
         let rows = cross_product(basis, first, &images);
         core.as_mut().get_mut(first.., first..first + count).copy_from(&rows);
         core.as_mut().get_mut(first..first + count, first..).copy_from(rows.transpose());
         for j in 0..count {
-            basis.edit_column(first + j, |column| column.copy_from_slice(&images.column(j)));
+            basis.edit_own_column(first + j, |column| column.copy_from_slice(&images.own_column(j)));
         }
     }
     core

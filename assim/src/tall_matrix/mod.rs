@@ -8,10 +8,11 @@
 //! that is done with it is done in double precision.
 
 mod products;
+mod shared;
 
 pub(crate) use products::{add_scaled_gram, cross_product, scaled_gram};
 
-use isobar_model::Stored;
+use isobar_model::{Bands, ColumnsMut, Stored};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
@@ -67,11 +68,18 @@ macro_rules! stored {
 pub(crate) use stored;
 
 /// A column-major matrix `[rows, columns]` without padding, so that its columns are increments one after another.
+///
+/// Where several ranks compute a run, the rows of a matrix whose columns are states are divided among them as these are. What is
+/// asked of the matrix is asked of the whole then, and is collective, but for what says that it is about the rows of this rank.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(crate) struct TallMatrix {
+    /// The rows of this rank.
     rows: usize,
     columns: usize,
     values: Values,
+    /// Which rows they are, if not all.
+    #[serde(skip)]
+    bands: Option<Bands>,
 }
 
 impl TallMatrix {
@@ -80,23 +88,24 @@ impl TallMatrix {
             Precision::Double => vec![0_f64; rows * columns].into(),
             Precision::Single => vec![0_f32; rows * columns].into(),
         };
-        Self { rows, columns, values }
+        Self { rows, columns, values, bands: None }
     }
 
     /// A matrix of the given values, one column after another.
     pub fn from_values(rows: usize, columns: usize, values: impl Into<Values>) -> Self {
         let values = values.into();
         assert_eq!(stored!(&values, values => values.len()), rows * columns);
-        Self { rows, columns, values }
+        Self { rows, columns, values, bands: None }
     }
 
     /// Whether it has this shape, whatever was stored.
     pub fn has_shape(&self, rows: usize, columns: usize) -> bool {
         let len = stored!(&self.values, values => values.len());
-        (self.rows, self.columns) == (rows, columns) && rows.checked_mul(columns) == Some(len)
+        (self.rows(), self.columns) == (rows, columns) && self.rows.checked_mul(columns) == Some(len)
     }
 
-    pub fn rows(&self) -> usize {
+    /// The number of rows that this rank has.
+    pub fn own_rows(&self) -> usize {
         self.rows
     }
 
@@ -121,15 +130,20 @@ impl TallMatrix {
         &mut self.values
     }
 
+    /// An entry, if this rank has it, and zero if another one has.
     pub fn value(&self, row: usize, column: usize) -> f64 {
+        let Some(row) = own_row(self.bands.as_ref(), row) else { return 0.0 };
         stored!(&self.values, values => values[column * self.rows..][..self.rows][row].widen())
     }
 
+    /// Sets an entry, if this rank has it.
     pub fn set(&mut self, row: usize, column: usize, value: f64) {
+        let Some(row) = own_row(self.bands.as_ref(), row) else { return };
         stored!(&mut self.values, values => values[column * self.rows..][..self.rows][row] = Stored::narrow(value));
     }
 
-    pub fn column(&self, column: usize) -> Cow<'_, [f64]> {
+    /// The rows of a column that this rank has.
+    pub fn own_column(&self, column: usize) -> Cow<'_, [f64]> {
         let part = column * self.rows..(column + 1) * self.rows;
         match &self.values {
             Values::Double(values) => Cow::Borrowed(&values[part]),
@@ -137,14 +151,17 @@ impl TallMatrix {
         }
     }
 
-    /// Applies `work` to a column.
-    pub fn edit_column(&mut self, column: usize, work: impl FnOnce(&mut [f64])) {
+    /// Applies `work` to the rows of a column that this rank has.
+    pub fn edit_own_column(&mut self, column: usize, work: impl FnOnce(&mut [f64])) {
         let part = column * self.rows..(column + 1) * self.rows;
         stored!(&mut self.values, values => Stored::in_double(&mut values[part], &mut Vec::new(), work));
     }
 
     /// Applies `work` to each column, in parallel; to none if they have no rows.
     pub fn edit_columns(&mut self, work: impl Fn(&mut [f64]) + Sync) {
+        if let Some(bands) = self.bands.clone() {
+            return self.edit_whole_columns(&bands, &work);
+        }
         let rows = self.rows.max(1);
         stored!(&mut self.values, values => {
             values.par_chunks_exact_mut(rows).for_each_init(Vec::new, |scratch, column| {
@@ -155,12 +172,14 @@ impl TallMatrix {
 
     /// The columns, each to be changed here and there.
     pub fn columns_mut(&mut self) -> Vec<ColumnMut<'_>> {
+        let bands = self.bands.as_ref();
+        let column = |values| ColumnMut { values, bands };
         if self.rows == 0 {
-            return (0..self.columns).map(|_| ColumnMut::Double(&mut [])).collect();
+            return (0..self.columns).map(|_| column(ColumnsMut::Double(&mut []))).collect();
         }
         match &mut self.values {
-            Values::Double(values) => values.chunks_exact_mut(self.rows).map(ColumnMut::Double).collect(),
-            Values::Single(values) => values.chunks_exact_mut(self.rows).map(ColumnMut::Single).collect(),
+            Values::Double(values) => values.chunks_exact_mut(self.rows).map(ColumnsMut::Double).map(column).collect(),
+            Values::Single(values) => values.chunks_exact_mut(self.rows).map(ColumnsMut::Single).map(column).collect(),
         }
     }
 
@@ -169,6 +188,15 @@ impl TallMatrix {
         stored!(&mut self.values, values => {
             values.iter_mut().for_each(|value| *value = Stored::narrow(value.widen() * factor));
         });
+    }
+
+    /// A ← diag(scales) A.
+    pub fn scale_rows(&mut self, scales: &[f64]) {
+        let (scales, rows) = (self.own_part(scales).into_owned(), self.rows.max(1));
+        stored!(&mut self.values, values => values.par_chunks_exact_mut(rows).for_each(|column| {
+            let scaled = column.iter_mut().zip(&scales);
+            scaled.for_each(|(value, scale)| *value = Stored::narrow(value.widen() * scale));
+        }));
     }
 
     /// Makes room for `columns` columns in all, and no more.
@@ -198,7 +226,7 @@ impl TallMatrix {
         let front = stored!(&mut self.values, values => {
             let front = values[..cut].to_vec();
             values.copy_within(cut.., 0);
-            Self::from_values(self.rows, columns, front)
+            Self { bands: self.bands.clone(), ..Self::from_values(self.rows, columns, front) }
         });
         self.truncate(self.columns - columns);
         front
@@ -218,18 +246,28 @@ impl TallMatrix {
 }
 
 /// A column that is changed here and there.
-pub(crate) enum ColumnMut<'a> {
-    Double(&'a mut [f64]),
-    Single(&'a mut [f32]),
+pub(crate) struct ColumnMut<'a> {
+    values: ColumnsMut<'a>,
+    bands: Option<&'a Bands>,
 }
 
 impl ColumnMut<'_> {
+    /// Subtracts from an entry, if this rank has it.
     pub fn subtract(&mut self, row: usize, change: f64) {
-        match self {
-            ColumnMut::Double(values) => values[row] -= change,
-            ColumnMut::Single(values) => values[row] = f32::narrow(values[row].widen() - change),
+        let Some(row) = own_row(self.bands, row) else { return };
+        match &mut self.values {
+            ColumnsMut::Double(values) => values[row] -= change,
+            ColumnsMut::Single(values) => values[row] = f32::narrow(values[row].widen() - change),
         }
     }
+}
+
+/// Which of this rank's rows one of all is, if it has it.
+pub(crate) fn own_row(bands: Option<&Bands>, row: usize) -> Option<usize> {
+    let Some(bands) = bands else { return Some(row) };
+    let (cells, own) = (bands.grid().cells(), bands.own_cells());
+    let (field, cell) = (row / cells, row % cells);
+    own.contains(&cell).then(|| field * own.len() + cell - own.start)
 }
 
 #[cfg(test)]

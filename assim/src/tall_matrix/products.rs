@@ -51,27 +51,27 @@ impl TallMatrix {
 
     /// y += A x.
     pub fn multiply_add(&self, x: &[f64], y: &mut [f64]) {
-        assert_eq!((x.len(), y.len()), (self.columns, self.rows));
-        stored!(&self.values, values => y.par_chunks_mut(ROWS).enumerate().for_each(|(chunk, y)| {
+        assert_eq!((x.len(), y.len()), (self.columns, self.rows()));
+        self.change_own(y, |y| stored!(&self.values, values => y.par_chunks_mut(ROWS).enumerate().for_each(|(chunk, y)| {
             for (j, &x) in x.iter().enumerate() {
                 let column = &values[j * self.rows + chunk * ROWS..][..y.len()];
                 y.iter_mut().zip(column).for_each(|(y, a)| *y += a.widen() * x);
             }
-        }));
+        })));
     }
 
     /// yᵢ += Σ_j aᵢⱼ².
     pub fn add_squared_rows(&self, first_column: usize, y: &mut [f64]) {
-        assert_eq!(y.len(), self.rows);
-        stored!(&self.values, values => y.par_chunks_mut(ROWS).enumerate().for_each(|(chunk, y)| {
+        assert_eq!(y.len(), self.rows());
+        self.change_own(y, |y| stored!(&self.values, values => y.par_chunks_mut(ROWS).enumerate().for_each(|(chunk, y)| {
             for j in first_column..self.columns {
                 let column = &values[j * self.rows + chunk * ROWS..][..y.len()];
                 y.iter_mut().zip(column).for_each(|(y, a)| *y += a.widen() * a.widen());
             }
-        }));
+        })));
     }
 
-    /// Some rows of the columns from `column` on: those stored, or their copy in the scratch.
+    /// Some of this rank's rows of the columns from `column` on: those stored, or their copy in the scratch.
     pub fn part<'a>(&'a self, first: usize, count: usize, column: usize, scratch: &'a mut Vec<f64>) -> MatRef<'a, f64> {
         if self.columns == column {
             return MatRef::from_column_major_slice(&[], count, 0);
@@ -147,6 +147,7 @@ pub(crate) fn scaled_gram(a: &TallMatrix, scales: &[f64]) -> Mat<f64> {
 /// of B's part. The columns that belong to B are left as they are.
 pub(crate) fn add_scaled_gram(mut gram: MatMut<'_, f64>, a: &TallMatrix, b: Option<&TallMatrix>, scales: &[f64]) {
     let (own, width) = (a.columns, a.columns + b.map_or(0, |b| b.columns));
+    let scales = &a.own_part(scales);
     let sum = sum_over_rows(0, scales.len(), &|first, count| {
         let mut sum = Mat::zeros(width, own);
         let mut scaled = vec![0.0; ROWS.min(count) * own];
@@ -168,13 +169,13 @@ pub(crate) fn add_scaled_gram(mut gram: MatMut<'_, f64>, a: &TallMatrix, b: Opti
         sum
     });
     let mut target = gram.rb_mut().get_mut(.., ..own);
-    target += sum;
+    target += a.summed(sum);
 }
 
 /// Aᵀ B of two tall matrices, A without the columns before `first_column`.
 pub(crate) fn cross_product(a: &TallMatrix, first_column: usize, b: &TallMatrix) -> Mat<f64> {
     assert_eq!(a.rows, b.rows);
-    sum_over_rows(0, a.rows, &|first, count| {
+    let sum = sum_over_rows(0, a.rows, &|first, count| {
         let mut sum = Mat::zeros(a.columns - first_column, b.columns);
         let (mut of_a, mut of_b) = (Vec::new(), Vec::new());
         for start in (first..first + count).step_by(ROWS) {
@@ -183,7 +184,8 @@ pub(crate) fn cross_product(a: &TallMatrix, first_column: usize, b: &TallMatrix)
             matmul(sum.as_mut(), Accum::Add, a.transpose(), b, 1.0, Par::Seq);
         }
         sum
-    })
+    });
+    a.summed(sum)
 }
 
 /// The sum over row ranges (first, count) in the order of a tree that depends on the number of rows alone.

@@ -8,6 +8,7 @@ pub use model::BandedModel;
 
 use crate::communicator::{Alone, Communicator};
 use crate::grid::Grid;
+use std::fmt::{self, Debug, Formatter};
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -16,6 +17,12 @@ use std::sync::Arc;
 pub struct Bands {
     grid: Grid,
     communicator: Arc<dyn Communicator>,
+}
+
+impl Debug for Bands {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        write!(f, "rank {} of {}", self.communicator.rank(), self.communicator.ranks())
+    }
 }
 
 impl Bands {
@@ -117,8 +124,30 @@ impl Bands {
 
     /// Which of a number of columns each rank makes, in order: those of this one.
     pub fn share(&self, columns: usize) -> Range<usize> {
-        let (rank, ranks) = (self.communicator.rank(), self.communicator.ranks());
+        self.share_of(self.communicator.rank(), columns)
+    }
+
+    fn share_of(&self, rank: usize, columns: usize) -> Range<usize> {
+        let ranks = self.communicator.ranks();
         rank * columns / ranks..(rank + 1) * columns / ranks
+    }
+
+    /// The whole columns of this rank's share, of columns of which each rank has its part: the inverse of [`Bands::deal`].
+    /// Collective.
+    pub fn collect(&self, parts: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
+        if self.is_whole() {
+            return parts;
+        }
+        let ranks: Vec<usize> = (0..self.communicator.ranks()).collect();
+        let to = |&rank: &usize| (rank, parts[self.share_of(rank, parts.len())].concat());
+        let received = self.communicator.exchange(ranks.iter().map(to).collect(), &ranks);
+        let count = self.share(parts.len()).len();
+        let column = |number: usize| {
+            let of_rank = |values: &Vec<f64>| values.chunks_exact(values.len() / count).nth(number).map(<[f64]>::to_vec);
+            let parts: Vec<Vec<f64>> = received.iter().filter_map(of_rank).collect();
+            self.join(parts[0].len() / self.of_rank(0).len() / self.grid.nx, &parts)
+        };
+        (0..count).map(column).collect()
     }
 
     /// Columns `[field, y, x]` that each rank has made whole, `own` of them here, as parts of all columns: those of rank 0, then
@@ -166,6 +195,8 @@ mod tests {
                 let first = bands.gather_to_first(own.clone());
                 assert_eq!(first, if rank == 0 { whole.clone() } else { Vec::new() });
                 assert_eq!(bands.gather(own), whole);
+                let parts = columns.iter().map(|column| bands.own_part(column)).collect();
+                assert_eq!(bands.collect(parts), columns[bands.share(columns.len())]);
                 // Column j is made by rank j modulo the number of ranks.
                 let made = |rank: usize| columns.iter().skip(rank).step_by(ranks);
                 let dealt = bands.deal(made(rank).cloned().collect());

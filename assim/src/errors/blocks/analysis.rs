@@ -108,15 +108,17 @@ impl BlockErrors {
         let observations: Vec<usize> =
             components.iter().flat_map(|component| component.observations.iter().copied()).collect();
         let factors = &self.memory.covariance.factors;
-        let mut result = vec![0.0; observations.len() * factors.columns()];
+        let (has_parameters, mut result) =
+            (factors.has_parameters(), vec![0.0; observations.len() * factors.columns()]);
         result.par_chunks_exact_mut(observations.len().max(1)).enumerate().for_each(|(factor, column)| {
             let shared = factors.shared.col_as_slice(factor);
             for (value, &row) in column.iter_mut().zip(&observations) {
                 let of_block = rows.block.row(row).iter();
                 *value = of_block.map(|&(variable, weight)| weight * factors.value(variable, factor)).sum::<f64>()
-                    + rows.shared.row_dot(row, shared);
+                    + if has_parameters { rows.shared.row_dot(row, shared) } else { 0.0 };
             }
         });
+        factors.sum(&mut result);
         result
     }
 

@@ -4,11 +4,12 @@ use super::factors::Factors;
 use super::grid_blocks::Blocks;
 use crate::covariance::{self, Covariance};
 use crate::linalg::add_product;
-use crate::tall_matrix::stored;
+use crate::tall_matrix::{own_row, stored};
 use faer::{Mat, MatMut, MatRef};
-use isobar_model::Stored;
+use isobar_model::{Bands, Stored};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::ops::Range;
 
 /// Values of the matrices that one thread works on at a time.
 const VALUES: usize = 8192;
@@ -96,14 +97,33 @@ impl BlockDiagonal {
         self.values.par_iter_mut().zip(&other.values).for_each(|(own, other)| *own += other);
     }
 
-    /// C_k += sign Φ_k Φ_kᵀ, the block diagonal of what the factors hold.
+    /// Has the blocks of each rank's rows as that rank has them, on all.
+    pub fn share(&mut self, blocks: &Blocks, bands: &Bands) {
+        if bands.is_whole() {
+            return;
+        }
+        // They lie one after another, as the rows do.
+        let Range { start, end } = blocks.in_rows(bands, &bands.own());
+        let own = &self.values[blocks.matrix(start).start..blocks.matrix(end - 1).end];
+        self.values = bands.communicator().gather_all(own).concat();
+    }
+
+    /// C_k += sign Φ_k Φ_kᵀ, the block diagonal of what the factors hold. Where several ranks have the rows of Φ, only the blocks in
+    /// this one's rows are right afterwards: see [`BlockDiagonal::share`].
     pub fn add_factors(&mut self, blocks: &Blocks, sign: f64, factors: &Factors) {
-        let m = factors.state.rows();
+        let (m, own_rows, bands) = (factors.state.rows(), factors.state.own_rows(), factors.state.bands());
+        let own_blocks = bands.map_or(0..blocks.count(), |bands| blocks.in_rows(bands, &bands.own()));
+        // Where each variable is among the rows of this rank; nowhere in particular if it is elsewhere, as is its block.
+        let place = |variable| own_row(bands, variable).unwrap_or(0) as u32;
+        let places: Option<Vec<u32>> = bands.map(|_| (0..m).into_par_iter().map(place).collect());
         self.for_each_chunk(blocks, |first, matrices| {
+            if first >= own_blocks.end || first + matrices.len() <= own_blocks.start {
+                return;
+            }
             for_each_matrix(blocks, first, matrices, |block, own| {
                 let (members, size) = (blocks.members(block), blocks.size(block));
                 if size > SMALL {
-                    let rows = Mat::from_fn(size, factors.columns(), |i, j| factors.value(members[i], j));
+                    let rows = Mat::from_fn(size, factors.columns(), |i, j| factors.own_value(members[i], j));
                     let own = MatMut::from_column_major_slice_mut(own, size, size);
                     add_product(own, sign, rows.as_ref(), rows.transpose());
                 }
@@ -111,12 +131,18 @@ impl BlockDiagonal {
             // Factor by factor: a column of Φ is contiguous in memory, the rows of a block are not.
             for column in 0..factors.columns() {
                 stored!(factors.state.values(), values => {
-                    let of_state = &values[column * m..][..m];
-                    let entry = |variable: usize| match of_state.get(variable) {
-                        Some(value) => value.widen(),
-                        None => factors.local.value(variable - m, column),
-                    };
-                    add_squares(blocks, first, matrices, sign, entry);
+                    let of_state = &values[column * own_rows..][..own_rows];
+                    let of_local = |variable: usize| factors.local.value(variable - m, column);
+                    match &places {
+                        None => add_squares(blocks, first, matrices, sign, |variable| match of_state.get(variable) {
+                            Some(value) => value.widen(),
+                            None => of_local(variable),
+                        }),
+                        Some(places) => add_squares(blocks, first, matrices, sign, |variable| match places.get(variable) {
+                            Some(&place) => of_state[place as usize].widen(),
+                            None => of_local(variable),
+                        }),
+                    }
                 });
             }
         });

@@ -14,7 +14,7 @@
 use crate::error::Error;
 use crate::filter::Cycle;
 use crate::tall_matrix::{TallMatrix, stored};
-use isobar_model::forecast::{ForecastError, forecast_tl, require_finite_increments};
+use isobar_model::forecast::{ForecastError, forecast, forecast_tl, require_finite_increments};
 use isobar_model::vector::axpy;
 use isobar_model::{Boundary, Duration, Layout, State, Stored, TangentLinear};
 use rayon::prelude::*;
@@ -80,6 +80,11 @@ impl CoarseGrid {
         columns: &mut TallMatrix,
         factors: usize,
     ) -> Result<(), Error> {
+        if let (Some(model), Some(_)) = (cycle.model.in_bands(), columns.bands()) {
+            let at = state.clone();
+            forecast(cycle.model, state, cycle.steps)?;
+            return stored!(columns.values_mut(), columns => Ok(model.forecast_tl_parts(&at, columns, cycle.steps)?));
+        }
         let factors = factors * columns.rows();
         stored!(columns.values_mut(), columns => match coarse {
             None => Ok(forecast_tl(cycle.model, state, columns, cycle.steps)?),

@@ -69,7 +69,7 @@ impl Factors {
     /// `columns` columns of zeros, in double precision, for the variables of `like`.
     pub fn zeros_like(like: &Factors, columns: usize) -> Self {
         Self {
-            state: TallMatrix::zeros(like.state.rows(), columns, Precision::Double),
+            state: like.state.zeros_like(columns, Precision::Double),
             local: TallMatrix::zeros(like.local.rows(), columns, Precision::Double),
             shared: Matrix(Mat::zeros(like.shared.nrows(), columns)),
             past: like.past.iter().map(|past| Self::zeros_like(past, columns)).collect(),
@@ -94,10 +94,33 @@ impl Factors {
         self.state.columns()
     }
 
-    /// Entry of a block variable.
+    /// Entry of a block variable; zero if it is on another rank, of which the first has those of parameters.
     pub fn value(&self, variable: usize, column: usize) -> f64 {
-        let m = self.state.rows();
-        if variable < m { self.state.value(variable, column) } else { self.local.value(variable - m, column) }
+        match variable.checked_sub(self.state.rows()) {
+            None => self.state.value(variable, column),
+            Some(parameter) if self.has_parameters() => self.local.value(parameter, column),
+            Some(_) => 0.0,
+        }
+    }
+
+    /// Entry of a block variable whose row this rank has, or which is a parameter.
+    pub fn own_value(&self, variable: usize, column: usize) -> f64 {
+        match variable.checked_sub(self.state.rows()) {
+            None => self.state.value(variable, column),
+            Some(parameter) => self.local.value(parameter, column),
+        }
+    }
+
+    /// Whether what parameters add to a sum over the ranks is added by this one. All have the rows of parameters.
+    pub fn has_parameters(&self) -> bool {
+        self.state.bands().is_none_or(|bands| bands.communicator().rank() == 0)
+    }
+
+    /// Sums over the ranks.
+    pub fn sum(&self, values: &mut [f64]) {
+        if let Some(bands) = self.state.bands() {
+            bands.communicator().sum(values);
+        }
     }
 
     /// Sets an entry of a block variable.

@@ -39,6 +39,9 @@ impl BlockErrors {
         if settings.bias_coupling == BiasCoupling::Drop {
             return Err(Error::Setting("a smoother needs the factors that bias_coupling = \"drop\" drops".into()));
         }
+        if self.factors().state.bands().is_some() {
+            return Err(Error::Setting("a smoother cannot be computed by several ranks together".into()));
+        }
         let columns = (shared.len() + settings.factors) as f64;
         let numbers = (lag as f64 + 1.0) * (blocks.variables() + shared.len()) as f64 * (columns + 2.0);
         require_memory(*memory_limit_bytes, numbers, || {

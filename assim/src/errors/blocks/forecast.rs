@@ -141,7 +141,7 @@ fn drop_coupling(covariance: &mut FactoredCovariance, drift: &[f64], blocks: &Bl
         shared[(i, i)] += sigma * sigma;
     }
     *factors = Factors {
-        state: TallMatrix::zeros(factors.state.rows(), drift.len(), factors.state.precision()),
+        state: factors.state.zeros_like(drift.len(), factors.state.precision()),
         local: TallMatrix::zeros(factors.local.rows(), drift.len(), Precision::Double),
         shared: Matrix(cholesky(shared, || "the covariance of the shared calibration parameters".into())?),
         past: VecDeque::new(),

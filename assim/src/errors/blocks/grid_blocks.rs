@@ -1,6 +1,6 @@
 //! The blocks b_{t,k} of the state: cells, tiles or the whole domain, with the biases of the stations that stand there.
 
-use isobar_model::{Grid, Layout};
+use isobar_model::{Bands, Grid, Layout};
 use isobar_obs::SparseRows;
 use std::ops::Range;
 
@@ -114,6 +114,15 @@ impl Blocks {
     /// Number of variables of a block.
     pub fn size(&self, block: usize) -> usize {
         self.starts[block + 1] - self.starts[block]
+    }
+
+    /// The blocks of some rows of the bands' grid, which must cut none.
+    pub fn in_rows(&self, bands: &Bands, rows: &Range<usize>) -> Range<usize> {
+        let first = |row: usize| {
+            let cell = row * bands.grid().nx;
+            if cell < bands.grid().cells() { self.place(cell).0 } else { self.count() }
+        };
+        first(rows.start)..first(rows.end)
     }
 
     /// The blocks that each row touches, an entry for each of its variables.

@@ -76,6 +76,7 @@ use isobar_model::{Layout, TangentLinear, random};
 use isobar_obs::ByPlacement;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 use std::sync::Arc;
 
 /// The Kalman filter with a covariance in blocks and common factors.
@@ -202,14 +203,19 @@ impl BlockErrors {
         let (local, places): (Vec<usize>, Vec<(f64, f64)>) = local.into_iter().unzip();
         let local_cells: Vec<usize> = places.into_iter().map(|(x_m, y_m)| layout.grid.cell_at(x_m, y_m)).collect();
         let blocks = Blocks::new(&layout, settings.blocks, &local_cells);
+        let bands = problem.bands();
+        settings.check_bands(&bands, problem)?;
         settings.check(layout.len(), &blocks, shared.len(), problem.memory_limit_bytes)?;
         let sigma_prior = |number: usize| calibration.parameters[number].sigma_prior;
         let (m, p) = (layout.len(), shared.len());
         let mut scales = covariance::middle_deviations(&*problem.background_error, &layout);
         scales.extend(local.iter().map(|&number| sigma_prior(number)));
         let leading = |operator: &dyn Covariance, random: &mut ChaCha8Rng| match settings.factors {
-            0 => TallMatrix::zeros(m, 0, settings.factor_precision),
-            rank => covariance::leading_columns(operator, &scales[..m], rank, settings.factor_precision, random),
+            0 => TallMatrix::zeros_in(&bands, m, 0, settings.factor_precision),
+            rank => {
+                let empty = TallMatrix::zeros_in(&bands, m, 0, settings.factor_precision);
+                covariance::leading_columns(operator, &scales[..m], empty, rank, random)
+            }
         };
         // What is drawn for B comes first in the stream, then what is for Q, then the probes. But Q is factored first:
         // its working space is gone when Φ comes, whose own is needed later for the probes.
@@ -231,6 +237,7 @@ impl BlockErrors {
         let mut all = vec![0.0; blocks.variables()];
         own.add_variances(&blocks, &mut all);
         own.add_factors(&blocks, -1.0, &factors);
+        own.share(&blocks, &bands);
         // What the factors hold of it has just been taken out.
         for (i, &number) in local.iter().enumerate() {
             for (j, &other) in local.iter().enumerate() {
@@ -326,7 +333,23 @@ impl Errors for BlockErrors {
         &self.memory
     }
 
-    fn recall(&mut self, memory: Memory, s: &Augmented) -> Result<(), Error> {
+    fn gathered_memory(&self) -> Cow<'_, Memory> {
+        let FactoredCovariance { own, linked, factors } = &self.memory.covariance;
+        if factors.state.bands().is_none() {
+            return Cow::Borrowed(&self.memory);
+        }
+        let factors = Factors { state: factors.state.gathered(), ..factors.clone() };
+        let covariance = FactoredCovariance { own: own.clone(), linked: linked.clone(), factors };
+        Cow::Owned(Memory { covariance, random: self.memory.random.clone(), smoother: None })
+    }
+
+    fn recall(&mut self, mut memory: Memory, s: &Augmented) -> Result<(), Error> {
+        if let Some(bands) = self.factors().state.bands() {
+            let part = memory.covariance.factors.state.in_bands(bands);
+            memory.covariance.factors.state = part.ok_or_else(|| Error::Memory {
+                reason: "the matrix of the factors does not fit the experiment".into(),
+            })?;
+        }
         let Frame { blocks, shared, layout, local, settings, .. } = &*self.frame;
         memory.covariance.require(blocks)?;
         let Factors { state, .. } = &memory.covariance.factors;

@@ -12,13 +12,15 @@ impl BlockErrors {
         let (factors, m) = (self.factors(), layout.len());
         // h of the block variables where it is not zero.
         let of_blocks: Vec<(usize, f64)> = of_blocks(h, m, local).enumerate().filter(|entry| entry.1 != 0.0).collect();
-        let amplitudes: Vec<f64> = (0..factors.columns())
+        let has_parameters = factors.has_parameters();
+        let mut amplitudes: Vec<f64> = (0..factors.columns())
             .map(|j| {
                 let seen = of_blocks.iter().map(|&(variable, weight)| weight * factors.value(variable, j)).sum::<f64>();
-                let of_shared = factors.shared.col_as_slice(j);
-                seen + shared.iter().zip(of_shared).map(|(&number, value)| h[m + number] * value).sum::<f64>()
+                let of_shared = shared.iter().zip(factors.shared.col_as_slice(j)).filter(|_| has_parameters);
+                seen + of_shared.map(|(&number, value)| h[m + number] * value).sum::<f64>()
             })
             .collect();
+        factors.sum(&mut amplitudes);
         let mut image = vec![0.0; blocks.variables()];
         factors.multiply_add(&amplitudes, &mut image);
         for &(variable, weight) in &of_blocks {

@@ -54,23 +54,26 @@ fn draw_probes(
     });
     for number in first_probe..columns.columns() {
         let normals = standard_normals(random, blocks.variables());
-        let draw = |(variable, value): (usize, &mut f64)| {
+        let draw = |variable: usize| -> f64 {
             let (block, row) = blocks.place(variable);
             let (root, first) = (roots.block(blocks, block), blocks.position(variable) - row);
-            *value = (0..=row).map(|j| root[(row, j)] * normals[first + j]).sum();
+            (0..=row).map(|j| root[(row, j)] * normals[first + j]).sum()
         };
-        columns.edit_column(number, |probe| probe.par_iter_mut().enumerate().for_each(draw));
+        columns.set_column(number, &(0..columns.rows()).into_par_iter().map(draw).collect::<Vec<_>>());
     }
 }
 
 /// Sum of the squares of each variable over all probes.
 fn energy(layout: &Layout, columns: &TallMatrix, first_probe: usize) -> Vec<f64> {
-    let cells = layout.grid.cells();
     let mut sums = vec![0.0; layout.variables.len()];
+    let cells = columns.own_rows() / sums.len();
     for number in first_probe..columns.columns() {
-        for (sum, field) in sums.iter_mut().zip(columns.column(number).chunks_exact(cells)) {
+        for (sum, field) in sums.iter_mut().zip(columns.own_column(number).chunks_exact(cells)) {
             field.iter().for_each(|value| *sum += value * value);
         }
+    }
+    if let Some(bands) = columns.bands() {
+        bands.communicator().sum(&mut sums);
     }
     sums
 }

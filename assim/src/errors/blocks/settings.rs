@@ -3,7 +3,9 @@
 use super::grid_blocks::{BlockShape, Blocks};
 use crate::covariance;
 use crate::error::Error;
+use crate::problem::Problem;
 use crate::tall_matrix::Precision;
+use isobar_model::{Bands, TangentLinear};
 
 /// What becomes of the covariance of the blocks' errors with those of c in a forecast.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -59,6 +61,26 @@ impl Residual {
 }
 
 impl FastKalmanSettings {
+    /// Fails if several ranks cannot divide the filter's work among them.
+    ///
+    /// # Errors
+    /// [`Error::Setting`].
+    pub(super) fn check_bands(&self, bands: &Bands, problem: &Problem<dyn TangentLinear>) -> Result<(), Error> {
+        if self.residual == Residual::Exact {
+            problem.require_one_rank("an exact forecast of the blocks")?;
+        }
+        let (_, rows) = self.blocks.cells(bands.grid());
+        let is_cut = |rank: usize| !bands.of_rank(rank).start.is_multiple_of(rows);
+        match (0..bands.communicator().ranks()).find(|&rank| is_cut(rank)) {
+            None => Ok(()),
+            Some(rank) => {
+                let first = bands.of_rank(rank).start;
+                let message = format!("rank {rank} begins with row {first} of the grid, within blocks of {rows} rows");
+                Err(Error::Setting(format!("{message}: choose other blocks, or another number of ranks")))
+            }
+        }
+    }
+
     /// Fails if they make no sense for a state of `m` values, or need more memory than the limit.
     ///
     /// # Errors
