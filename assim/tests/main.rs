@@ -24,6 +24,7 @@ mod high_pass;
 mod kalman;
 mod local_factors;
 mod oracles;
+mod ranks;
 mod recovered_amplitudes;
 mod response;
 mod sensors;

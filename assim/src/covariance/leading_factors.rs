@@ -26,7 +26,8 @@ const IMAGES: usize = 4;
 /// the first one left out are damped, to zero if they are equal to it: a pair of equal eigenvalues is kept or left out as a
 /// whole, for which of its directions comes first only rounding says.
 pub fn leading_factors(covariance: &dyn Covariance, scales: &[f64], rank: usize, stream: &mut ChaCha8Rng) -> Mat<f64> {
-    let columns = leading_columns(covariance, scales, TallMatrix::zeros(covariance.len(), 0, Precision::Double), rank, stream);
+    let columns =
+        leading_columns(covariance, scales, TallMatrix::zeros(covariance.len(), 0, Precision::Double), rank, stream);
     columns.part(0, columns.rows(), 0, &mut Vec::new()).to_owned()
 }
 

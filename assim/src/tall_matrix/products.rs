@@ -52,23 +52,27 @@ impl TallMatrix {
     /// y += A x.
     pub fn multiply_add(&self, x: &[f64], y: &mut [f64]) {
         assert_eq!((x.len(), y.len()), (self.columns, self.rows()));
-        self.change_own(y, |y| stored!(&self.values, values => y.par_chunks_mut(ROWS).enumerate().for_each(|(chunk, y)| {
-            for (j, &x) in x.iter().enumerate() {
-                let column = &values[j * self.rows + chunk * ROWS..][..y.len()];
-                y.iter_mut().zip(column).for_each(|(y, a)| *y += a.widen() * x);
-            }
-        })));
+        self.change_own(y, |y| {
+            stored!(&self.values, values => y.par_chunks_mut(ROWS).enumerate().for_each(|(chunk, y)| {
+                for (j, &x) in x.iter().enumerate() {
+                    let column = &values[j * self.rows + chunk * ROWS..][..y.len()];
+                    y.iter_mut().zip(column).for_each(|(y, a)| *y += a.widen() * x);
+                }
+            }))
+        });
     }
 
     /// yᵢ += Σ_j aᵢⱼ².
     pub fn add_squared_rows(&self, first_column: usize, y: &mut [f64]) {
         assert_eq!(y.len(), self.rows());
-        self.change_own(y, |y| stored!(&self.values, values => y.par_chunks_mut(ROWS).enumerate().for_each(|(chunk, y)| {
-            for j in first_column..self.columns {
-                let column = &values[j * self.rows + chunk * ROWS..][..y.len()];
-                y.iter_mut().zip(column).for_each(|(y, a)| *y += a.widen() * a.widen());
-            }
-        })));
+        self.change_own(y, |y| {
+            stored!(&self.values, values => y.par_chunks_mut(ROWS).enumerate().for_each(|(chunk, y)| {
+                for j in first_column..self.columns {
+                    let column = &values[j * self.rows + chunk * ROWS..][..y.len()];
+                    y.iter_mut().zip(column).for_each(|(y, a)| *y += a.widen() * a.widen());
+                }
+            }))
+        });
     }
 
     /// Some of this rank's rows of the columns from `column` on: those stored, or their copy in the scratch.

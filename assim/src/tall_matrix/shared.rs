@@ -101,7 +101,8 @@ impl TallMatrix {
     /// The rows of all ranks, on rank 0; no rows on the others.
     pub fn gathered(&self) -> Self {
         let Some(bands) = &self.bands else { return self.clone() };
-        let mut whole = Self::zeros(if bands.communicator().rank() == 0 { self.rows() } else { 0 }, 0, self.precision());
+        let mut whole =
+            Self::zeros(if bands.communicator().rank() == 0 { self.rows() } else { 0 }, 0, self.precision());
         for column in 0..self.columns {
             let values = bands.gather_to_first(self.own_column(column).into_owned());
             whole.append(1);

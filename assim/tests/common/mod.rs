@@ -383,3 +383,42 @@ pub fn jet(
     let state = geostrophic_jet(&equations, &jet).unwrap();
     (Arc::new(Stepped::new(equations, Duration::from_seconds(step_s), TimeScheme::Rk4).unwrap()), state)
 }
+
+/// A jet in a channel, with hyperdiffusion.
+pub fn channel_jet(cells: usize, step_s: i64) -> (Arc<Stepped<ShallowWater>>, State) {
+    jet(cells, step_s, Boundary::Channel, 1.6e-11, 5e14)
+}
+
+/// Balanced and white errors.
+pub fn errors(layout: &Layout, sigma_height_m: f64, length_m: f64, white: f64) -> Arc<dyn Covariance> {
+    let mut terms: Vec<Box<dyn Covariance>> = vec![Box::new(balanced(layout, sigma_height_m, length_m, 1.6e-11))];
+    terms.extend(
+        [1.0, 0.1, 0.1].iter().enumerate().map(|(variable, factor)| -> Box<dyn Covariance> {
+            Box::new(White::new(layout, variable, factor * white))
+        }),
+    );
+    Arc::new(Sum::new(layout.len(), terms))
+}
+
+pub fn jet_problem(cells: usize) -> Problem {
+    let (model, background) = channel_jet(cells, 600);
+    let layout = background.layout().clone();
+    Problem {
+        model,
+        background_error: errors(&layout, 20.0, 9e5, 1.0),
+        model_error: Some(errors(&layout, 1.0, 5e5, 0.2)),
+        background,
+        calibration: calibration(2, 3, 0.1),
+        bias: BiasTreatment::Estimate,
+        memory_limit_bytes: 1 << 30,
+        most_observations: 0,
+    }
+}
+
+/// Observations around the background, a small deviation from it.
+pub fn around(problem: &Problem, cycle: usize) -> ObservationWindow {
+    let observed = window(problem, 60, false, cycle, 5);
+    let at = observed.operator.simulate(&problem.background, &vec![0.0; problem.calibration.len()]);
+    let values: Vec<f64> = observed.values.iter().zip(&at).map(|(value, at)| value + at).collect();
+    ObservationWindow { values, ..observed }
+}

@@ -143,7 +143,8 @@ impl Bands {
         let received = self.communicator.exchange(ranks.iter().map(to).collect(), &ranks);
         let count = self.share(parts.len()).len();
         let column = |number: usize| {
-            let of_rank = |values: &Vec<f64>| values.chunks_exact(values.len() / count).nth(number).map(<[f64]>::to_vec);
+            let of_rank =
+                |values: &Vec<f64>| values.chunks_exact(values.len() / count).nth(number).map(<[f64]>::to_vec);
             let parts: Vec<Vec<f64>> = received.iter().filter_map(of_rank).collect();
             self.join(parts[0].len() / self.of_rank(0).len() / self.grid.nx, &parts)
         };

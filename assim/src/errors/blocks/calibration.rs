@@ -8,6 +8,7 @@ use super::{BlockErrors, Frame};
 use crate::error::Error;
 use crate::linalg::{add_symmetric_product, cholesky, semidefinite_root};
 use faer::{Mat, MatRef};
+use std::borrow::Cow;
 use std::sync::Arc;
 
 impl Frame {
@@ -28,6 +29,11 @@ impl BlockErrors {
     pub(crate) fn joint_rows(&self, factors: &Factors) -> Mat<f64> {
         let Frame { local, shared, layout, .. } = &*self.frame;
         let (p, v, cells) = (local.len() + shared.len(), layout.variables.len(), layout.grid.cells());
+        let own_cells = factors.state.own_rows() / v;
+        let field_sums =
+            |column: Cow<'_, [f64]>| column.chunks_exact(own_cells).map(|it| it.iter().sum()).collect::<Vec<f64>>();
+        let mut sums: Vec<f64> = (0..factors.columns()).flat_map(|j| field_sums(factors.state.own_column(j))).collect();
+        factors.sum(&mut sums);
         let mut rows = Mat::<f64>::zeros(p + v, factors.columns());
         for column in 0..factors.columns() {
             let target = rows.col_as_slice_mut(column);
@@ -37,8 +43,8 @@ impl BlockErrors {
             for (&number, &value) in shared.iter().zip(factors.shared.col_as_slice(column)) {
                 target[number] = value;
             }
-            for (variable, field) in factors.state.column(column).chunks_exact(cells).enumerate() {
-                target[p + variable] = field.iter().sum::<f64>() / cells as f64;
+            for (variable, sum) in sums[column * v..][..v].iter().enumerate() {
+                target[p + variable] = sum / cells as f64;
             }
         }
         rows
