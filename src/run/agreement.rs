@@ -10,10 +10,7 @@ use std::fmt::Display;
 ///
 /// # Errors
 /// Rank 0 has its own error, if it has one; else all have that of the first rank that has one, in words.
-pub fn agreed<T, E: Display + From<RankFailure>>(
-    communicator: &dyn Communicator,
-    own: Result<T, E>,
-) -> Result<T, E> {
+pub fn agreed<T, E: Display + From<RankFailure>>(communicator: &dyn Communicator, own: Result<T, E>) -> Result<T, E> {
     if communicator.ranks() == 1 {
         return own;
     }
@@ -29,6 +26,15 @@ pub fn agreed<T, E: Display + From<RankFailure>>(
 /// A decision of rank 0.
 pub(super) fn of_first(communicator: &dyn Communicator, own: bool) -> bool {
     communicator.of_first(vec![f64::from(u8::from(own))]) != [0.0]
+}
+
+/// Fails on all ranks, with the reason, if one of them has another number than rank 0.
+///
+/// # Errors
+/// With the first rank that has another one.
+pub(super) fn same(communicator: &dyn Communicator, own: f64, else_reason: &str) -> Result<(), RankFailure> {
+    let is_same = communicator.of_first(vec![own]) == [own];
+    all_succeed(communicator, if is_same { Ok(()) } else { Err(else_reason) })
 }
 
 #[cfg(test)]

@@ -99,11 +99,7 @@ impl Ahead {
 ///
 /// # Errors
 /// [`Error::TooLarge`], and those of the method's memory.
-pub fn require_room(
-    method: &dyn Assimilator,
-    limit_bytes: u64,
-    communicator: &dyn Communicator,
-) -> Result<(), Error> {
+pub fn require_room(method: &dyn Assimilator, limit_bytes: u64, communicator: &dyn Communicator) -> Result<(), Error> {
     if limit_bytes == u64::MAX {
         return Ok(());
     }

@@ -35,7 +35,7 @@ use crate::sensors::table;
 use crate::sensors::write_back::{self, SENSORS_FILE};
 use crate::tables::warnings::without_skill;
 use crate::text::shown_path;
-use agreement::of_first;
+use agreement::{of_first, same};
 use checkpoint::saved::take_part;
 use checkpoint::{Keeper, Newest, Plan, file, journal, newest};
 use cycles::{Cycles, Shown};
@@ -162,6 +162,7 @@ impl ExperimentBuilder<'_> {
         let workers = agreed(communicator, workers.map_err(RunError::from))?;
         let (directory, mut experiment, earlier) = self.set_up(options, &workers)?;
         let plan = Plan::new(scenario, options, &experiment, earlier);
+        same(communicator, f64::from(plan.checksum()), "it reads other files than rank 0, or another scenario")?;
         let own = directory.as_ref().map(|directory| open_all(&experiment.info, directory, &options.outputs));
         let sinks = agreed(communicator, own.transpose().map_err(RunError::from))?.unwrap_or_default();
         let structure = of_first(communicator, sinks.shows_structure());
@@ -260,13 +261,8 @@ fn resume(
     let refuse = |reason: String| RunError::Resume { directory: working.to_path_buf(), reason };
     let Newest { checkpoint, memories, damaged } = agreed(communicator, newest(working, plan).map_err(refuse))?;
     let (cycle, bytes) = (checkpoint.saved.cycle, checkpoint.journal_bytes);
-    let of_first = communicator.of_first(vec![cycle as f64])[0] as usize;
-    let is_same = if cycle == of_first {
-        Ok(())
-    } else {
-        Err(refuse(format!("the newest checkpoint is that of cycle {cycle}, and on rank 0 that of cycle {of_first}")))
-    };
-    agreed(communicator, is_same)?;
+    let reason = format!("the newest checkpoint that it can read is that of cycle {cycle}, unlike on rank 0");
+    same(communicator, cycle as f64, &reason)?;
     let mut replay = || {
         for (path, reason) in &damaged {
             let text = format!("{}: {reason}; the checkpoint before it is used", shown_path(path));

@@ -35,7 +35,13 @@ pub struct Ground {
 /// # Errors
 /// As [`ExperimentBuilder::build`](super::ExperimentBuilder::build).
 pub fn ground(scenario: &Scenario, seed: u64, cycles: usize) -> Result<Ground, ExperimentError> {
-    ground_after(scenario, seed, Span::new(scenario, Some(cycles), None), None, &(Arc::new(Alone) as Arc<dyn Communicator>))
+    ground_after(
+        scenario,
+        seed,
+        Span::new(scenario, Some(cycles), None),
+        None,
+        &(Arc::new(Alone) as Arc<dyn Communicator>),
+    )
 }
 
 /// The same of a run that goes on from earlier ones, and is computed by ranks together. Nothing is exchanged between them here.
