@@ -43,7 +43,6 @@ fn ignores_hangup(status: &str) -> bool {
 }
 
 /// Asks the program to end after this cycle, as the first signal does.
-#[cfg(feature = "mpi")]
 pub fn request_end() {
     REQUESTED.store(true, Ordering::SeqCst);
 }

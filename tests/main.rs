@@ -51,6 +51,7 @@ mod pasting;
 mod paths;
 mod profilers;
 mod published;
+mod ranks;
 mod recorded_biases;
 mod recorded_files;
 mod regression;

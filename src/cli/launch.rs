@@ -5,7 +5,9 @@ use crate::options::RunOptions;
 use crate::output::Sink;
 use crate::output::directory::{Stage, checkpoints, stage};
 use crate::output::working;
-use crate::run::{self, Afterwards, RunError};
+use crate::ranks;
+use crate::run::experiment::Experiment;
+use crate::run::{self, Afterwards, RunError, Undivided, check_divided};
 use crate::scenario::Scenario;
 use crate::scores::Summary;
 use crate::shell::command;
@@ -22,14 +24,17 @@ pub fn run_scenario(scenario: &Scenario, options: &RunOptions, listener: &mut dy
     run.map_err(|error| JobError::new(error, |error| report(error, scenario, options)))
 }
 
-/// The same with something to be done once the outputs are complete.
+/// The same by all processes together, with something to be done once the outputs are complete.
 pub fn run_scenario_then(
     scenario: &Scenario,
     options: &RunOptions,
     listener: &mut dyn Sink,
     afterwards: Afterwards<'_>,
 ) -> Result<Summary, Report> {
-    run::run_then(scenario, options, listener, afterwards).map_err(|error| report(error, scenario, options))
+    let outcome = ranks::share(scenario, options, |communicator| {
+        Experiment::builder(scenario).shared_by(communicator).run_all(options, listener, Some(afterwards))
+    });
+    outcome?.map_err(|error| report(error, scenario, options))
 }
 
 /// The error of a run.
@@ -37,11 +42,25 @@ fn report(error: RunError, scenario: &Scenario, options: &RunOptions) -> Report 
     match error {
         RunError::Experiment(error) => error.locate(scenario).into(),
         RunError::Place(_) | RunError::Earlier { .. } => miette!("{}: {error}", scenario.name),
+        RunError::Undivided(error) => undivided(&error, scenario),
         error => {
             let help = kept(&options.out);
             miette!(help = help, "{}: {error}", scenario.name)
         }
     }
+}
+
+/// Refuses, of runs that several processes compute together, those with methods that cannot be divided.
+pub fn check_shared(scenario: &Scenario, options: &RunOptions) -> Result<(), Report> {
+    if ranks::others() == 0 {
+        return Ok(());
+    }
+    check_divided(scenario, options, []).map_err(|error| undivided(&error, scenario))
+}
+
+fn undivided(error: &Undivided, scenario: &Scenario) -> Report {
+    let help = "--methods chooses others; without the MPI launcher one process computes all of them";
+    miette!(help = help, "{}: {error}", scenario.name)
 }
 
 /// What is kept of a run that has ended early, and how it goes on.

@@ -1,15 +1,14 @@
 //! `isobar run`.
 
 use super::arguments::RunArguments;
-use super::console::{print, show, warn, width};
-use super::launch::{check_cycles, check_method, run_scenario_then};
+use super::console::{print, show, width};
+use super::launch::{check_cycles, check_method, check_shared, run_scenario_then};
 use super::shown::Shown;
 use super::write_back::{self, name_database, write_sensors};
 use super::{long, lookup, seeds};
 use crate::interrupt;
 use crate::options::{CheckpointPolicy, RunOptions};
 use crate::progress::Progress;
-use crate::ranks;
 use crate::run::experiment::check_sensors;
 use crate::scenario::Scenario;
 use crate::shell::command;
@@ -40,7 +39,8 @@ pub fn run(arguments: &RunArguments) -> Result<ExitCode, Report> {
         Ok::<_, Report>((options, seeds))
     };
     let all = scenarios.iter().map(of_scenario).collect::<Result<Vec<_>, _>>()?;
-    for (scenario, _) in scenarios.iter().zip(&all).filter(|(_, (_, seeds))| seeds.is_none()) {
+    for (scenario, (options, _)) in scenarios.iter().zip(&all).filter(|(_, (_, seeds))| seeds.is_none()) {
+        check_shared(scenario, options)?;
         check_sensors(scenario).map_err(|error| error.locate(scenario))?;
     }
     interrupt::listen();
@@ -71,9 +71,6 @@ pub(super) fn run_one(
     quiet: bool,
     shown: &mut Shown,
 ) -> Result<bool, Report> {
-    if ranks::others() > 0 {
-        warn("a single run is computed by rank 0 alone: the other processes compute runs of --seeds and of sweeps");
-    }
     let mut progress = Progress::new(quiet);
     let mut written = None;
     let summary = run_scenario_then(scenario, options, &mut progress, &mut |out| {

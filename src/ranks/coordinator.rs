@@ -1,18 +1,20 @@
 //! Rank 0, as the rest of the program sees it: runs are computed elsewhere.
 
 use super::messages::{FromWorker, Order};
-use super::post::Errand;
+use super::post::{Errand, OneRun, SharedRun};
+use super::together;
 use crate::batch::{Elsewhere, JobError, Runner};
 use crate::options::RunOptions;
-use crate::place::from_root;
 use crate::progress::RunListener;
-use crate::run::checkpoint::PlannedRun;
+use crate::run::RunError;
 use crate::scenario::Scenario;
 use crate::scores::Summary;
-use miette::miette;
+use isobar_model::communicator::Communicator;
+use miette::{Report, miette};
 use mpi::environment::Universe;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{self, Sender};
-use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::thread::JoinHandle;
 
 /// MPI is there once in a process, and so is this.
@@ -22,6 +24,10 @@ static COORDINATOR: OnceLock<Coordinator> = OnceLock::new();
 pub struct Coordinator {
     workers: usize,
     threads_each: usize,
+    /// Those with other vector instructions than rank 0.
+    unlike: Vec<i32>,
+    /// Whether the workers wait for what will not come.
+    is_stuck: AtomicBool,
     /// `None` once the workers have been sent away.
     open: Mutex<Option<Open>>,
 }
@@ -37,9 +43,11 @@ pub struct Open {
 }
 
 impl Coordinator {
-    /// With this number of workers, each with `threads_each` threads.
-    pub fn new(workers: usize, threads_each: usize, open: Open) -> Self {
-        Self { workers, threads_each, open: Mutex::new(Some(open)) }
+    /// With this number of workers, each with `threads_each` threads; those that are `unlike` have other vector instructions than
+    /// this process.
+    pub fn new(workers: usize, threads_each: usize, unlike: Vec<i32>, open: Open) -> Self {
+        let (is_stuck, open) = (AtomicBool::new(false), Mutex::new(Some(open)));
+        Self { workers, threads_each, unlike, is_stuck, open }
     }
 
     fn open(&self) -> MutexGuard<'_, Option<Open>> {
@@ -67,9 +75,44 @@ pub fn runner() -> Option<Runner<'static>> {
     Some(Runner { run: Box::new(run), elsewhere: Some(elsewhere) })
 }
 
-/// Sends the workers away, and waits until they know it.
+/// Computes a run together with all workers.
+///
+/// # Errors
+/// If they cannot compute it together.
+pub fn share<T>(
+    scenario: &Scenario,
+    options: &RunOptions,
+    run: impl FnOnce(Arc<dyn Communicator>) -> Result<T, RunError>,
+) -> Result<Result<T, RunError>, Report> {
+    let coordinator = COORDINATOR.get().ok_or_else(|| miette!("this process has no workers"))?;
+    if let [first, ..] = coordinator.unlike[..] {
+        let help = "run it on processors of one kind, or without the MPI launcher";
+        return Err(miette!(
+            help = help,
+            "{}: rank {first} has other vector instructions than rank 0: they would come to different results",
+            scenario.name
+        ));
+    }
+    let ((begun, has_begun), (end, over)) = (mpsc::channel(), mpsc::channel());
+    if let Some(open) = &*coordinator.open() {
+        // If nobody takes it, it does not begin.
+        let _ = open.errands.send(Errand::Share(SharedRun { order: Order::new(scenario, options), begun, over }));
+    }
+    has_begun.recv().map_err(|_| miette!("{}: a process of the MPI job has died", scenario.name))?;
+    let outcome = together::lead(run);
+    let is_stuck = outcome.as_ref().is_err_and(RunError::is_of_one_rank);
+    coordinator.is_stuck.fetch_or(is_stuck, Ordering::Relaxed);
+    drop(end);
+    Ok(outcome)
+}
+
+/// Sends the workers away, and waits until they know it; ends the job if they cannot hear it.
 pub fn leave() {
-    let Some(Open { errands, thread, universe }) = COORDINATOR.get().and_then(|it| it.open().take()) else { return };
+    let Some(coordinator) = COORDINATOR.get() else { return };
+    if coordinator.is_stuck.load(Ordering::Relaxed) {
+        together::abort();
+    }
+    let Some(Open { errands, thread, universe }) = coordinator.open().take() else { return };
     drop(errands);
     if !thread.join().unwrap_or(false) {
         // The end of MPI would wait for those that have died.
@@ -84,13 +127,11 @@ fn have_computed(
     options: &RunOptions,
     listener: &mut RunListener<'_>,
 ) -> Result<Summary, JobError> {
-    let plan = PlannedRun::new(scenario, options);
-    let (threads, resume) = (options.threads, options.resume);
-    let order = Order { plan, out: from_root(&options.out).into_os_string(), threads, resume };
+    let order = Order::new(scenario, options);
     let (answer, answers) = mpsc::channel();
     if let Some(open) = &*coordinator.open() {
         // If nobody takes it there will be no answer.
-        let _ = open.errands.send(Errand { order, answer });
+        let _ = open.errands.send(Errand::Run(OneRun { order, answer }));
     }
     for news in answers {
         match news {

@@ -36,8 +36,8 @@ pub fn join(compute: Compute) -> Result<Part, Report> {
     if workers.is_empty() {
         return Ok(Part::Command);
     }
-    let threads = match expect(&world, workers.len(), &greeting) {
-        Ok(threads) => threads,
+    let Expected { threads, unlike } = match expect(&world, workers.len(), &greeting) {
+        Ok(expected) => expected,
         Err(error) => {
             workers.iter().for_each(|&rank| send(&world, rank, &ToWorker::Leave));
             return Err(error);
@@ -47,7 +47,7 @@ pub fn join(compute: Compute) -> Result<Part, Report> {
     let count = workers.len();
     let serve = move || Post::new(workers).serve(&received);
     let thread = thread::Builder::new().name("MPI".into()).spawn(serve).into_diagnostic()?;
-    coordinator::begin(Coordinator::new(count, threads, Open { errands, thread, universe }));
+    coordinator::begin(Coordinator::new(count, threads, unlike, Open { errands, thread, universe }));
     Ok(Part::Command)
 }
 
@@ -55,12 +55,21 @@ pub fn join(compute: Compute) -> Result<Part, Report> {
 fn greeting() -> Result<Greeting, Report> {
     let program = std::env::current_exe().and_then(std::fs::read).into_diagnostic()?;
     let threads = thread::available_parallelism().map_or(1, usize::from);
-    Ok(Greeting { version: crate::VERSION.into(), program: crc32fast::hash(&program), threads })
+    let instructions = format!("{:?}", pulp::Arch::new());
+    Ok(Greeting { version: crate::VERSION.into(), program: crc32fast::hash(&program), threads, instructions })
 }
 
-/// Waits until all workers are there; the least number of threads that one has.
-fn expect(world: &SimpleCommunicator, workers: usize, own: &Greeting) -> Result<usize, Report> {
-    let (begin, mut there, mut threads) = (Instant::now(), 0, usize::MAX);
+/// What the workers have.
+struct Expected {
+    /// The least number of threads that one has.
+    threads: usize,
+    /// The ranks with other vector instructions than rank 0.
+    unlike: Vec<i32>,
+}
+
+/// Waits until all workers are there.
+fn expect(world: &SimpleCommunicator, workers: usize, own: &Greeting) -> Result<Expected, Report> {
+    let (begin, mut there, mut threads, mut unlike) = (Instant::now(), 0, usize::MAX, Vec::new());
     while there < workers {
         let Some((rank, message)) = receive(world) else {
             if begin.elapsed() > PATIENCE {
@@ -72,6 +81,7 @@ fn expect(world: &SimpleCommunicator, workers: usize, own: &Greeting) -> Result<
         match message {
             Ok(FromWorker::Ready(other)) if (&other.version, other.program) == (&own.version, own.program) => {
                 (there, threads) = (there + 1, threads.min(other.threads));
+                unlike.extend((other.instructions != own.instructions).then_some(rank));
             }
             Ok(FromWorker::Ready(_)) => {
                 let help = "start the same file on all of them";
@@ -81,5 +91,6 @@ fn expect(world: &SimpleCommunicator, workers: usize, own: &Greeting) -> Result<
             Err(reason) => return Err(miette!("rank {rank} sent {reason}")),
         }
     }
-    Ok(threads)
+    unlike.sort_unstable();
+    Ok(Expected { threads, unlike })
 }

@@ -1,18 +1,24 @@
 //! What the processes say to each other.
 
 use crate::batch::JobError;
+use crate::options::RunOptions;
+use crate::place::from_root;
 use crate::run::checkpoint::PlannedRun;
+use crate::scenario::Scenario;
 use crate::scores::Summary;
-use miette::miette;
+use miette::{Report, miette};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::ffi::OsString;
+use std::path::{Path, PathBuf};
 
 /// From rank 0.
 #[derive(Debug, Serialize, Deserialize)]
 pub enum ToWorker {
     /// Compute this run.
     Run(Box<Order>),
+    /// Compute this run together with all others. Nothing more is said until it is over.
+    Share(Box<Order>),
     /// End the run under way after this cycle, with a checkpoint.
     End,
     /// There will be no more.
@@ -30,6 +36,41 @@ pub struct Order {
     pub threads: Option<usize>,
     /// Whether it goes on from its last checkpoint.
     pub resume: bool,
+    /// The directory, from the root, of an earlier run from whose final state it goes on.
+    pub from: Option<OsString>,
+}
+
+impl Order {
+    /// To run a scenario.
+    pub fn new(scenario: &Scenario, options: &RunOptions) -> Self {
+        let from_root = |path: &PathBuf| from_root(path).into_os_string();
+        Self {
+            plan: PlannedRun::new(scenario, options),
+            out: from_root(&options.out),
+            threads: options.threads,
+            resume: options.resume,
+            from: options.from.as_ref().map(from_root),
+        }
+    }
+
+    /// The scenario, as this process reads it.
+    ///
+    /// # Errors
+    /// If it cannot be read.
+    pub fn scenario(&self) -> Result<Scenario, Report> {
+        let mut scenario = self.plan.scenario(Path::new(&self.out))?;
+        if let Some(named) = self.plan.named_database() {
+            scenario.name_database(named);
+        }
+        Ok(scenario)
+    }
+
+    /// The options of the run.
+    pub fn options(&self) -> RunOptions {
+        let from = self.from.as_ref().map(PathBuf::from);
+        let options = self.plan.options(Path::new(&self.out), self.threads, false);
+        RunOptions { resume: self.resume, from, ..options }
+    }
 }
 
 /// To rank 0.
@@ -56,6 +97,8 @@ pub struct Greeting {
     pub program: u32,
     /// Threads that it may have.
     pub threads: usize,
+    /// The vector instructions of its processor, on which the last bits of results depend.
+    pub instructions: String,
 }
 
 /// Why a run ended early.

@@ -1,11 +1,14 @@
 //! The processes of an MPI job: the first, rank 0, obeys the command line and hands out the runs of a batch; each of the others
-//! computes one run at a time.
+//! computes one run at a time. A single run is computed by all of them together.
 //!
 //! A run's directory is written by the process that computes it, so all of them see the same file system. Between processes go
 //! only what is to be run, how far it is, and its scores. A run has the same bits as on one machine: it is computed by the same
 //! function, from the same scenario and options.
 //!
-//! If a process dies, its run is not completed, and the batch goes on with the other processes unless the MPI launcher ends them. The
+//! Of a run that all compute together, rank 0 writes the directory; the others read what it reads, and exchange numbers with it (see
+//! [`isobar_model::communicator`]). If one of them dies, or ends with an error of its own, the job ends.
+//!
+//! If a process of a batch dies, its run is not completed, and the batch goes on with the other processes unless the MPI launcher ends them. The
 //! last checkpoint of the run is on disk, and `isobar resume` continues from it.
 
 #[cfg(feature = "mpi")]
@@ -20,13 +23,22 @@ mod part;
 #[cfg(feature = "mpi")]
 mod post;
 #[cfg(feature = "mpi")]
+mod together;
+#[cfg(feature = "mpi")]
 mod worker;
+#[cfg(feature = "mpi")]
+mod world;
 
 pub use part::{Compute, Part};
 
 use crate::batch::Runner;
+use crate::options::RunOptions;
+use crate::run::RunError;
+use crate::scenario::Scenario;
+use isobar_model::communicator::{Alone, Communicator};
 use miette::Report;
 use std::env;
+use std::sync::Arc;
 
 /// Joins the other processes of the MPI job, if there are any, and computes what rank 0 hands out, if this is another rank.
 ///
@@ -58,7 +70,24 @@ pub fn runner(compute: Compute) -> Runner<'static> {
     Runner::here(move |scenario, options, listener| compute(scenario, options, listener))
 }
 
-/// Number of other processes, which compute nothing but the runs of a batch.
+/// Computes a run in all processes together, or in this one if there are no others. `run` is given their communicator.
+///
+/// # Errors
+/// If they cannot compute it together.
+pub fn share<T>(
+    scenario: &Scenario,
+    options: &RunOptions,
+    run: impl FnOnce(Arc<dyn Communicator>) -> Result<T, RunError>,
+) -> Result<Result<T, RunError>, Report> {
+    #[cfg(feature = "mpi")]
+    if others() > 0 {
+        return coordinator::share(scenario, options, run);
+    }
+    let _ = (scenario, options);
+    Ok(run(Arc::new(Alone)))
+}
+
+/// Number of other processes.
 pub fn others() -> usize {
     #[cfg(feature = "mpi")]
     return coordinator::workers();

@@ -15,12 +15,30 @@ pub const LOOK: Duration = Duration::from_millis(5);
 /// After how long a worker that says nothing counts as dead. It speaks every half second, as long as its processor lets it.
 const SILENCE: Duration = Duration::from_secs(60);
 
+/// What rank 0 has the workers do.
+pub enum Errand {
+    /// A run for one of them.
+    Run(OneRun),
+    /// A run that all of them compute together with rank 0.
+    Share(SharedRun),
+}
+
 /// A run for a worker, and the channel for its progress and outcome.
-pub struct Errand {
+pub struct OneRun {
     /// The run.
     pub order: Order,
     /// Hears the worker; without an end of the run, if the worker has died.
     pub answer: Sender<FromWorker>,
+}
+
+/// A run for all.
+pub struct SharedRun {
+    /// The run.
+    pub order: Order,
+    /// Hears that the workers have been told, unless some have died.
+    pub begun: Sender<()>,
+    /// Closed when the run is over: until then another thread speaks with MPI.
+    pub over: Receiver<()>,
 }
 
 /// A worker with a run.
@@ -34,7 +52,7 @@ pub struct Post {
     world: SimpleCommunicator,
     idle: Vec<i32>,
     busy: BTreeMap<i32, Busy>,
-    waiting: VecDeque<Errand>,
+    waiting: VecDeque<OneRun>,
     dead: usize,
 }
 
@@ -50,7 +68,8 @@ impl Post {
         let mut ending = false;
         loop {
             match errands.try_recv() {
-                Ok(errand) => self.waiting.push_back(errand),
+                Ok(Errand::Run(run)) => self.waiting.push_back(run),
+                Ok(Errand::Share(run)) => self.share(run),
                 Err(TryRecvError::Disconnected) if self.busy.is_empty() => break,
                 Err(_) => {}
             }
@@ -68,13 +87,25 @@ impl Post {
         self.dead == 0
     }
 
+    /// Lets all workers compute a run together, and waits for its end. None of them may have something else to do.
+    fn share(&self, SharedRun { order, begun, over }: SharedRun) {
+        if self.dead > 0 || !self.busy.is_empty() {
+            return;
+        }
+        let message = ToWorker::Share(Box::new(order));
+        self.idle.iter().for_each(|&rank| send(&self.world, rank, &message));
+        // Whoever asked for the run may have ended.
+        let _ = begun.send(());
+        let _ = over.recv();
+    }
+
     /// Gives what waits to those who have nothing to do; what nobody is left to compute is dropped.
     fn hand_out(&mut self) {
         if self.idle.is_empty() && self.busy.is_empty() {
             self.waiting.clear();
         }
         while let Some(rank) = self.idle.pop() {
-            let Some(Errand { order, answer }) = self.waiting.pop_front() else {
+            let Some(OneRun { order, answer }) = self.waiting.pop_front() else {
                 self.idle.push(rank);
                 return;
             };

@@ -3,14 +3,13 @@
 use super::line::Line;
 use super::messages::{Failure, FromWorker, Order, ToWorker};
 use super::part::Compute;
+use super::together;
 use crate::batch::JobError;
 use crate::event::Event;
 use crate::interrupt;
 use crate::output::{Sink, SinkError};
-use crate::scenario::Scenario;
 use crate::scores::Summary;
 use miette::Report;
-use std::path::{Path, PathBuf};
 use std::sync::mpsc::{self, RecvTimeoutError, Sender};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -34,6 +33,7 @@ pub fn serve(line: &Line, compute: Compute) -> Result<(), Report> {
                 let outcome = obey(line, &order, compute)?;
                 line.say(&FromWorker::Done(Box::new(outcome.map_err(Failure::from))));
             }
+            Some(ToWorker::Share(order)) => together::take_part(&order),
             Some(ToWorker::End) => {}
             Some(ToWorker::Leave) => return Ok(()),
         }
@@ -67,20 +67,9 @@ fn obey(line: &Line, order: &Order, compute: Compute) -> Result<Result<Summary, 
 }
 
 fn compute_order(order: &Order, compute: Compute, listener: &mut Listener) -> Result<Summary, JobError> {
-    let out = PathBuf::from(&order.out);
-    let scenario =
-        scenario_of(order, &out).map_err(|report| JobError { report, may_pass: true, cannot_resume: false })?;
-    let mut options = order.plan.options(&out, order.threads, false);
-    options.resume = order.resume;
-    compute(&scenario, &options, listener)
-}
-
-fn scenario_of(order: &Order, out: &Path) -> Result<Scenario, Report> {
-    let mut scenario = order.plan.scenario(out)?;
-    if let Some(named) = order.plan.named_database() {
-        scenario.name_database(named);
-    }
-    Ok(scenario)
+    let scenario = order.scenario();
+    let scenario = scenario.map_err(|report| JobError { report, may_pass: true, cannot_resume: false })?;
+    compute(&scenario, &order.options(), listener)
 }
 
 /// What the thread that computes tells the one that speaks.

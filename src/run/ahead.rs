@@ -13,6 +13,7 @@ use crate::event::{self, RunInfo};
 use crate::lead_times::LeadTimes;
 use isobar_assim::{Assimilator, Error, Estimate};
 use isobar_model::Duration;
+use isobar_model::communicator::Communicator;
 use serde::{Deserialize, Serialize};
 
 /// Parts of the memory limit that a method with forecasts ahead needs, each as large as what it carries from cycle to cycle:
@@ -49,12 +50,13 @@ impl Ahead {
         window: Duration,
         last: usize,
         memory_limit_bytes: u64,
+        communicator: &dyn Communicator,
     ) -> Result<(), Fault> {
         let longest = times.kept().take_while(|lead| cycle + lead <= last).last().unwrap_or(0);
         if longest == 0 {
             return Ok(());
         }
-        guarded(|| require_room(runner.method(), memory_limit_bytes))?;
+        guarded(|| require_room(runner.method(), memory_limit_bytes, communicator))?;
         let mut copy = runner.method().boxed_clone();
         for lead in 1..=longest {
             let estimate = guarded(|| copy.forecast(window))?.estimate;
@@ -93,15 +95,17 @@ impl Ahead {
     }
 }
 
-/// Fails unless a copy of the method can forecast beside it within its memory limit.
+/// Fails unless a copy of the method can forecast beside it within its memory limit; each of several ranks has its share of both.
 ///
 /// # Errors
 /// [`Error::TooLarge`], and those of the method's memory.
-pub fn require_room(method: &dyn Assimilator, limit_bytes: u64) -> Result<(), Error> {
+pub fn require_room(method: &dyn Assimilator, limit_bytes: u64, communicator: &dyn Communicator) -> Result<(), Error> {
     if limit_bytes == u64::MAX {
         return Ok(());
     }
-    let needed_bytes = PARTS * method.memory()?.len() as u64;
+    // Rank 0 has the whole memory.
+    let of_all = communicator.of_first(vec![method.memory()?.len() as f64])[0] as u64;
+    let needed_bytes = PARTS * of_all.div_ceil(communicator.ranks() as u64);
     if needed_bytes <= limit_bytes {
         return Ok(());
     }
@@ -114,6 +118,7 @@ mod tests {
     use super::*;
     use crate::run::experiment::{ground, method};
     use crate::scenario::Scenario;
+    use isobar_model::communicator::Alone;
     use std::path::Path;
 
     /// The free run carries its state, and a little more.
@@ -123,8 +128,9 @@ mod tests {
         let problem = ground(&scenario, 1, 5).unwrap().problem;
         let free = method(&problem, "free", &scenario, scenario.start).unwrap();
         let state = 8 * problem.background.values().len() as u64;
-        assert!(require_room(&*free, 4 * state).is_ok() && require_room(&*free, u64::MAX).is_ok());
-        let error = require_room(&*free, 3 * state - 1).unwrap_err();
+        let room = |limit_bytes| require_room(&*free, limit_bytes, &Alone);
+        assert!(room(4 * state).is_ok() && room(u64::MAX).is_ok());
+        let error = room(3 * state - 1).unwrap_err();
         assert!(
             error.to_string().starts_with("a copy of the method that forecasts ahead beside it would need"),
             "{error}"

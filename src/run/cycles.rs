@@ -1,16 +1,18 @@
 //! The loop over cycles.
 
+use super::after_cycle::{AfterCycle, Results, after_cycle};
 use super::ahead::Pending;
+use super::checkpoint::saved::take_part;
 use super::cost::with_cost;
 use super::error::RunError;
 use super::events::Events;
 use super::experiment::{Competitor, Experiment};
+use super::monitor::Fault;
 use super::reference::Reference;
 use super::summary::summary;
 use super::truth::Truth;
 use crate::correlations::Correlations;
 use crate::event::{Analysed, Estimated, Event, Forecast, Judged, RunInfo, Smoothed};
-use crate::interrupt;
 use crate::outcome::Outcome;
 use crate::scores::forecast::{self, Verifying};
 use crate::scores::{Failure, Outlook, RunScores, Scorecard, Summary, TrueValues, WarningCase, measures};
@@ -18,6 +20,7 @@ use crate::text::clean;
 use crate::threshold_warning::PlacedWarning;
 use crate::verdict::Verdict;
 use isobar_assim::Estimate;
+use isobar_model::communicator::Communicator;
 use isobar_obs::ObservationWindow;
 use rayon::ThreadPool;
 use std::borrow::Cow;
@@ -32,6 +35,8 @@ pub(super) struct Cycles<'a, 'b> {
     pub events: &'a mut Events<'b>,
     /// The threads that compute.
     pub workers: &'a ThreadPool,
+    /// The ranks that compute it together. Each does all that is here, but for what `events` has on rank 0 only.
+    pub communicator: &'a dyn Communicator,
     /// What is found out beside the scores.
     pub shown: Shown,
     /// Whether another run may go on from the end of this one, so that forecasts ahead are made to beyond it.
@@ -66,16 +71,22 @@ impl Cycles<'_, '_> {
     /// Runs the cycles after those that are done.
     ///
     /// # Errors
-    /// A truth that cannot go on, an output that cannot be written, or a signal.
+    /// A truth that cannot go on, an output that cannot be written, or a signal; a rank that has come to other results, or in
+    /// which a method panics.
     pub fn run(&mut self, done: usize) -> Result<Summary, RunError> {
         let cycles = self.experiment.info.cycles;
         if done == self.experiment.info.done {
             self.send_truth(done)?;
         }
+        let mut results = Results::default();
         for cycle in done + 1..=cycles {
             let observed = self.observe(cycle)?;
             for number in 0..self.experiment.methods.len() {
-                if let Some(outcome) = self.one_method(number, cycle, &observed)? {
+                let outcome = self.one_method(number, cycle, &observed)?;
+                if self.communicator.ranks() > 1 {
+                    results.add(outcome.as_ref());
+                }
+                if let Some(outcome) = outcome {
                     self.send_smoothed(number, cycle, &outcome)?;
                     self.send_forecasts(number, cycle, &outcome.analysis.estimate, &observed)?;
                     self.send_parameters(number, cycle)?;
@@ -83,12 +94,15 @@ impl Cycles<'_, '_> {
                 }
             }
             self.events.send(&Event::CycleEnded(cycle))?;
-            if let Some(keeper) = &mut self.events.keeper
-                && (keeper.is_due(cycle) || interrupt::requested())
-            {
-                keeper.write(cycle, self.experiment, &self.scores)?;
+            let AfterCycle { keeps, ends } =
+                after_cycle(self.communicator, cycle, self.events.keeper.as_ref(), &results)?;
+            if keeps {
+                match &mut self.events.keeper {
+                    Some(keeper) => keeper.write(cycle, self.experiment, &self.scores)?,
+                    None => take_part(self.experiment).map_err(RunError::Unsaved)?,
+                }
             }
-            if interrupt::requested() && cycle < cycles {
+            if ends && cycle < cycles {
                 return Err(RunError::Interrupted { cycle, cycles });
             }
         }
@@ -149,6 +163,7 @@ impl Cycles<'_, '_> {
         let outcome = match outcome {
             Ok(outcome) => outcome,
             Err(fault) => {
+                refuse_panic(self.communicator, &fault, cycle, &info.methods[number].name)?;
                 method.ahead.clear();
                 let failure = method.failure.insert(Failure { cycle, reason: clean(&fault.to_string()) });
                 self.events.send(&Event::Failed { method: number, failure: Cow::Borrowed(failure) })?;
@@ -253,7 +268,12 @@ impl Cycles<'_, '_> {
         }
         let Competitor { runner, ahead, memory_limit_bytes, .. } = method;
         let (limit, last) = (*memory_limit_bytes, if self.goes_on { usize::MAX } else { info.cycles });
-        let made = self.workers.install(|| ahead.start(runner, cycle, &times, info.window, last, limit));
+        let communicator = self.communicator;
+        let start = || ahead.start(runner, cycle, &times, info.window, last, limit, communicator);
+        let made = self.workers.install(start);
+        if let Err(fault) = &made {
+            refuse_panic(communicator, fault, cycle, &info.methods[number].name)?;
+        }
         if !info.warnings.is_empty() {
             let probabilities = |forecast: &Pending| {
                 let all = info.warnings.iter().map(|warning| warning.probability(&forecast.estimate)).collect();
@@ -295,6 +315,16 @@ impl Cycles<'_, '_> {
             self.events.send(&Event::Judged(Judged { method: number, cycle, time, verdicts: verdicts.into() }))?;
         }
         Ok(())
+    }
+}
+
+/// Ends a run of several ranks with a panic: the others may wait for what this one was to send.
+fn refuse_panic(communicator: &dyn Communicator, fault: &Fault, cycle: usize, method: &str) -> Result<(), RunError> {
+    match fault {
+        Fault::Panic(_) if communicator.ranks() > 1 => {
+            Err(RunError::Panic { cycle, method: method.to_string(), fault: clean(&fault.to_string()) })
+        }
+        _ => Ok(()),
     }
 }
 

@@ -1,11 +1,14 @@
 //! A run: truth, observations, every method, verification, outputs; cycle after cycle.
 
+mod after_cycle;
+mod agreement;
 mod ahead;
 pub mod checkpoint;
 pub mod comparisons;
 mod cost;
 pub mod cycle;
 mod cycles;
+mod divided;
 pub mod earlier;
 mod error;
 mod events;
@@ -18,23 +21,29 @@ mod through_window;
 pub mod truth;
 pub mod units;
 
+pub(crate) use agreement::agreed;
+pub use divided::{Undivided, check_divided};
 pub use error::RunError;
 
-use crate::event::Event;
+use crate::event::{Event, RunInfo};
 use crate::memory;
 use crate::options::RunOptions;
-use crate::output::{Existing, OutputDirectory, STATE, Sink, SinkError, open_all};
+use crate::output::{Existing, OutputDirectory, STATE, Sink, SinkError, open_all, working};
 use crate::scenario::Scenario;
 use crate::scores::{RunScores, Scorecard, Summary};
 use crate::sensors::table;
 use crate::sensors::write_back::{self, SENSORS_FILE};
 use crate::tables::warnings::without_skill;
 use crate::text::shown_path;
+use agreement::{of_first, same};
+use checkpoint::saved::take_part;
 use checkpoint::{Keeper, Newest, Plan, file, journal, newest};
 use cycles::{Cycles, Shown};
 use earlier::{Earlier, EarlierRun};
 use events::Events;
 use experiment::{Competitor, Experiment, ExperimentBuilder};
+use isobar_assim::CalibrationAccuracy;
+use isobar_model::communicator::Communicator;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::borrow::Cow;
 use std::path::Path;
@@ -104,79 +113,92 @@ impl ExperimentBuilder<'_> {
         self.run_all(options, listener, None)
     }
 
-    /// The directory of the outputs, the experiment as it is before the first cycle of the run, and the runs from which it goes
-    /// on.
-    fn set_up(
-        &self,
-        options: &RunOptions,
-        workers: &ThreadPool,
-    ) -> Result<(OutputDirectory, Experiment, Option<Earlier>), RunError> {
+    /// The directory of the outputs, which rank 0 has, the experiment as it is before the first cycle of the run, and the runs from
+    /// which it goes on.
+    fn set_up(&self, options: &RunOptions, workers: &ThreadPool) -> Result<SetUp, RunError> {
+        let communicator = &*self.communicator;
         let existing = if options.overwrite { Existing::Overwrite } else { Existing::Refuse };
         let open = if options.resume { OutputDirectory::resume } else { OutputDirectory::create };
-        let open = || open(options.out.clone(), existing).map_err(RunError::Place);
+        let open = || {
+            let is_first = communicator.rank() == 0;
+            let own = is_first.then(|| open(options.out.clone(), existing)).transpose();
+            agreed(communicator, own.map_err(RunError::Place))
+        };
         let build = |earlier: Option<&Earlier>| workers.install(|| self.build_after(options, earlier));
         let Some(from) = options.from.as_deref().filter(|_| !options.resume) else {
             let directory = open()?;
-            let earlier = if options.resume { earlier_of(&directory)? } else { None };
+            let earlier = if options.resume { agreed(communicator, earlier_of(&options.out))? } else { None };
             let experiment = build(earlier.as_ref())?;
             return Ok((directory, experiment, earlier));
         };
         let refuse = |reason: String| RunError::Earlier { directory: from.to_path_buf(), reason };
-        if options.out.canonicalize().is_ok_and(|out| from.canonicalize().is_ok_and(|from| from == out)) {
-            return Err(refuse("that is where this run's files are to go: choose another --out".into()));
-        }
-        let run = EarlierRun::read(from).map_err(refuse)?;
-        let earlier = run.check(&self.scenario, options).map_err(refuse)?;
+        let read = || {
+            if options.out.canonicalize().is_ok_and(|out| from.canonicalize().is_ok_and(|from| from == out)) {
+                return Err(refuse("that is where this run's files are to go: choose another --out".into()));
+            }
+            let run = EarlierRun::read(from).map_err(refuse)?;
+            let earlier = run.check(&self.scenario, options).map_err(refuse)?;
+            Ok((run, earlier))
+        };
+        let (run, earlier) = agreed(communicator, read())?;
         let mut experiment = build(Some(&earlier))?;
-        run.restore(&mut experiment).map_err(refuse)?;
+        agreed(communicator, run.restore(&mut experiment).map_err(refuse))?;
         // An interrupted run that is to be replaced is discarded only once it is sure that this one can begin.
         Ok((open()?, experiment, Some(earlier)))
     }
 
-    fn run_all(
+    /// As [`run_then()`], if there is something to be done afterwards. Every rank does the same, but files are those of rank 0.
+    pub(crate) fn run_all(
         &self,
         options: &RunOptions,
         listener: &mut dyn Sink,
         afterwards: Option<Afterwards<'_>>,
     ) -> Result<Summary, RunError> {
-        let scenario = &*self.scenario;
-        let workers = ThreadPoolBuilder::new().num_threads(options.threads.unwrap_or(0)).build()?;
+        let (scenario, communicator) = (&*self.scenario, &*self.communicator);
+        if communicator.ranks() > 1 {
+            check_divided(scenario, options, self.added())?;
+        }
+        let workers = ThreadPoolBuilder::new().num_threads(options.threads.unwrap_or(0)).build();
+        let workers = agreed(communicator, workers.map_err(RunError::from))?;
         let (directory, mut experiment, earlier) = self.set_up(options, &workers)?;
         let plan = Plan::new(scenario, options, &experiment, earlier);
-        let mut events =
-            Events { keeper: None, sinks: open_all(&experiment.info, &directory, &options.outputs)?, listener };
-        let shown =
-            Shown { memory: !options.concurrent && memory::is_counted(), structure: events.sinks.shows_structure() };
+        same(communicator, f64::from(plan.checksum()), "it reads other files than rank 0, or another scenario")?;
+        let own = directory.as_ref().map(|directory| open_all(&experiment.info, directory, &options.outputs));
+        let sinks = agreed(communicator, own.transpose().map_err(RunError::from))?.unwrap_or_default();
+        let structure = of_first(communicator, sinks.shows_structure());
+        let shown = Shown { memory: !options.concurrent && memory::is_counted(), structure };
+        let mut events = Events { keeper: None, sinks, listener };
         let (scores, done) = if options.resume {
-            resume(&directory, &plan, &mut experiment, &mut events)?
+            resume(&options.out, &plan, &mut experiment, &mut events, communicator)?
         } else {
-            if let Some(policy) = options.checkpoints {
-                events.keeper = Some(Keeper::start(directory.working(), plan, policy, experiment.info.done)?);
-            } else if afterwards.is_some() {
-                // Whoever has to do it later finds the plan there.
-                journal::Journal::create(directory.working(), &plan)?;
-            }
-            events.announce(&Event::Started(&experiment.info))?;
-            for (method, competitor) in experiment.methods.iter().enumerate() {
-                if let Some(failure) = &competitor.failure {
-                    events.send(&Event::Failed { method, failure: Cow::Borrowed(failure) })?;
-                }
-            }
+            let begun = begin(directory.as_ref(), plan, &experiment, &mut events, afterwards.is_some());
+            agreed(communicator, begun)?;
             let totals = vec![Scorecard::default(); experiment.methods.len()];
             (RunScores { totals, ..RunScores::default() }, experiment.info.done)
         };
         experiment.warnings.iter().try_for_each(|warning| events.announce(&Event::Warning(warning)))?;
         let goes_on = options.outputs.contains(STATE);
+        let (experiment, workers) = (&mut experiment, &workers);
         let mut cycles =
-            Cycles { experiment: &mut experiment, scores, events: &mut events, workers: &workers, shown, goes_on };
+            Cycles { experiment: &mut *experiment, scores, events: &mut events, workers, communicator, shown, goes_on };
         let summary = cycles.run(done)?;
         for text in without_skill(&summary) {
             events.announce(&Event::Warning(&text))?;
         }
+        let sensors = last_calibration(scenario, experiment);
+        let Some(directory) = directory else {
+            if goes_on {
+                take_part(experiment).map_err(RunError::Unsaved)?;
+            }
+            events.announce(&Event::Finished(&summary))?;
+            return Ok(summary);
+        };
         if goes_on {
-            earlier::write(directory.path(), scenario, &mut experiment)?;
+            earlier::write(directory.path(), scenario, experiment)?;
         }
-        write_sensors(scenario, &experiment, directory.path())?;
+        if let Some((writer, estimate, accuracy)) = sensors {
+            write_sensors(&experiment.info, writer, &estimate, &accuracy, directory.path())?;
+        }
         events.announce(&Event::Finished(&summary))?;
         let Events { keeper, sinks, listener } = events;
         // Their files are closed.
@@ -191,50 +213,103 @@ impl ExperimentBuilder<'_> {
     }
 }
 
+/// What a run has before its first cycle: see [`ExperimentBuilder::set_up`].
+type SetUp = (Option<OutputDirectory>, Experiment, Option<Earlier>);
+
+/// Begins a run, with its journal if rank 0 does it.
+fn begin(
+    directory: Option<&OutputDirectory>,
+    plan: Plan,
+    experiment: &Experiment,
+    events: &mut Events<'_>,
+    has_afterwards: bool,
+) -> Result<(), RunError> {
+    match (directory, plan.policy()) {
+        (Some(directory), Some(policy)) => {
+            events.keeper = Some(Keeper::start(directory.working(), plan, policy, experiment.info.done)?);
+        }
+        // Whoever has to do it later finds the plan there.
+        (Some(directory), None) if has_afterwards => drop(journal::Journal::create(directory.working(), &plan)?),
+        _ => {}
+    }
+    events.announce(&Event::Started(&experiment.info))?;
+    for (method, competitor) in experiment.methods.iter().enumerate() {
+        if let Some(failure) = &competitor.failure {
+            events.send(&Event::Failed { method, failure: Cow::Borrowed(failure) })?;
+        }
+    }
+    Ok(())
+}
+
 /// What a run that was interrupted must know of those from which it goes on, if there are any.
-fn earlier_of(directory: &OutputDirectory) -> Result<Option<Earlier>, RunError> {
-    let working = directory.working();
-    let refuse = |reason| RunError::Resume { directory: working.to_path_buf(), reason: format!("journal: {reason}") };
-    journal::plan(working).map(|plan| plan.earlier).map_err(refuse)
+fn earlier_of(out: &Path) -> Result<Option<Earlier>, RunError> {
+    let working = working::path(out)?;
+    let refuse = |reason| RunError::Resume { directory: working.clone(), reason: format!("journal: {reason}") };
+    journal::plan(&working).map(|plan| plan.earlier).map_err(refuse)
 }
 
 /// Brings the experiment to the state of the newest readable checkpoint, and sends again all events until then; the scores
-/// and the number of cycles so far.
+/// and the number of cycles so far. Only rank 0 has a journal to go on with.
 fn resume(
-    directory: &OutputDirectory,
+    out: &Path,
     plan: &Plan,
     experiment: &mut Experiment,
     events: &mut Events<'_>,
+    communicator: &dyn Communicator,
 ) -> Result<(RunScores, usize), RunError> {
-    let working = directory.working();
+    let (working, is_first) = (&*working::path(out)?, communicator.rank() == 0);
     let refuse = |reason: String| RunError::Resume { directory: working.to_path_buf(), reason };
-    let Newest { checkpoint, memories, damaged } = newest(working, plan).map_err(refuse)?;
-    for (path, reason) in &damaged {
-        let text = format!("{}: {reason}; the checkpoint before it is used", shown_path(path));
-        events.announce(&Event::Warning(&text))?;
-    }
+    let Newest { checkpoint, memories, damaged } = agreed(communicator, newest(working, plan).map_err(refuse))?;
     let (cycle, bytes) = (checkpoint.saved.cycle, checkpoint.journal_bytes);
-    events.announce(&Event::Started(&experiment.info))?;
-    journal::replay(working, bytes, &experiment.info, &mut |event| events.announce(&event))
-        .map_err(|reason| refuse(format!("journal: {reason}")))?;
-    let scores = checkpoint.restore(&memories, experiment).map_err(|reason| refuse(format!("checkpoint: {reason}")))?;
-    events.keeper =
-        plan.policy().map(|policy| Keeper::resume(working, plan.clone(), policy, cycle, bytes)).transpose()?;
-    // Under their names they would be taken for checkpoints of what is about to be computed.
-    damaged.iter().for_each(|(path, _)| file::put_aside(path));
+    let reason = format!("the newest checkpoint that it can read is that of cycle {cycle}, unlike on rank 0");
+    same(communicator, cycle as f64, &reason)?;
+    let mut replay = || {
+        for (path, reason) in &damaged {
+            let text = format!("{}: {reason}; the checkpoint before it is used", shown_path(path));
+            events.announce(&Event::Warning(&text))?;
+        }
+        events.announce(&Event::Started(&experiment.info))?;
+        let send = &mut |event: Event<'_>| events.announce(&event);
+        let replayed = if is_first { journal::replay(working, bytes, &experiment.info, send) } else { Ok(()) };
+        replayed.map_err(|reason| refuse(format!("journal: {reason}")))
+    };
+    agreed(communicator, replay())?;
+    let scores = checkpoint.restore(&memories, experiment).map_err(|reason| refuse(format!("checkpoint: {reason}")));
+    let scores = agreed(communicator, scores)?;
+    let policy = plan.policy().filter(|_| is_first);
+    let keeper = policy.map(|policy| Keeper::resume(working, plan.clone(), policy, cycle, bytes)).transpose();
+    events.keeper = agreed(communicator, keeper.map_err(RunError::from))?;
+    if is_first {
+        // Under their names they would be taken for checkpoints of what is about to be computed.
+        damaged.iter().for_each(|(path, _)| file::put_aside(path));
+    }
     events.announce(&Event::Resumed(cycle))?;
     Ok((scores, cycle))
 }
 
-/// Writes the last calibration of the method that the scenario names, for the database of sensors.
-fn write_sensors(scenario: &Scenario, experiment: &Experiment, directory: &Path) -> Result<(), SinkError> {
-    let Some(writer) = scenario.sensors.as_ref().and_then(|sensors| sensors.writes.as_ref()) else { return Ok(()) };
+/// The last calibration of the method that the scenario names for the database of sensors, with the method's name.
+fn last_calibration<'a>(
+    scenario: &'a Scenario,
+    experiment: &Experiment,
+) -> Option<(&'a str, Vec<f64>, CalibrationAccuracy)> {
+    let writer = scenario.sensors.as_ref()?.writes.as_ref()?;
     let Experiment { info, methods, .. } = experiment;
-    let Some(number) = info.methods.iter().position(|method| method.name == *writer) else { return Ok(()) };
+    let number = info.methods.iter().position(|method| method.name == *writer)?;
     let Competitor { runner, failure, .. } = &methods[number];
-    let Some((estimate, accuracy)) = runner.calibration().filter(|_| failure.is_none()) else { return Ok(()) };
+    let (estimate, accuracy) = runner.calibration().filter(|_| failure.is_none())?;
+    Some((writer, estimate, accuracy))
+}
+
+/// Writes the last calibration of a method, for the database of sensors.
+fn write_sensors(
+    info: &RunInfo,
+    writer: &str,
+    estimate: &[f64],
+    accuracy: &CalibrationAccuracy,
+    directory: &Path,
+) -> Result<(), SinkError> {
     let path = directory.join(SENSORS_FILE);
-    let written = write_back::records(info, writer, &estimate, accuracy.covariance())
+    let written = write_back::records(info, writer, estimate, accuracy.covariance())
         .and_then(|records| std::fs::write(&path, table::write(&records)).map_err(|error| error.to_string()));
     written.map_err(|reason| SinkError { path, reason })
 }

@@ -4,6 +4,8 @@
 #[allow(dead_code, reason = "shared with the other tests")]
 mod common;
 
+mod shared;
+
 use common::{VALID, isobar, text};
 use serde_json::Value;
 use std::fs;
@@ -110,16 +112,12 @@ fn the_settings_of_a_sweep_are_computed_by_the_other_ranks() {
 }
 
 #[test]
-fn what_is_wrong_is_said_once_and_a_single_run_is_that_of_rank_0() {
+fn what_is_wrong_is_said_once() {
     let directory = workplace();
     let here = directory.path();
     let output = on_ranks(here, 3, &["run", "missing.toml"]);
     assert!(!output.status.success());
     assert_eq!(text(&output.stderr).matches("missing.toml").count(), 1, "{}", text(&output.stderr));
-    let output = on_ranks(here, 2, &["run", "small.toml", "--quiet", "--out", "one"]);
-    assert!(output.status.success(), "{}", text(&output.stderr));
-    assert!(text(&output.stderr).contains("computed by rank 0 alone"), "{}", text(&output.stderr));
-    assert!(here.join("one/small/summary.json").is_file());
 }
 
 /// The process of a rank below the launcher.
@@ -134,6 +132,19 @@ fn process_of(launcher: &Child, rank: usize) -> Option<u32> {
     })
 }
 
+/// Waits until a run below a directory has a checkpoint.
+fn wait_for_checkpoint(below: &Path) {
+    let began = Instant::now();
+    let has_checkpoint = || {
+        let all = fs::read_dir(below).into_iter().flatten().flatten();
+        all.flat_map(|entry| files(&entry.path())).any(|(path, _)| path.to_string_lossy().contains("checkpoint-"))
+    };
+    while !has_checkpoint() {
+        assert!(began.elapsed() < Duration::from_secs(120), "no run has begun");
+        thread::sleep(Duration::from_millis(20));
+    }
+}
+
 /// By default the launcher ends all processes with the first that dies: what was complete, and the checkpoints, are kept.
 #[test]
 fn a_batch_goes_on_after_a_process_has_died() {
@@ -146,15 +157,7 @@ fn a_batch_goes_on_after_a_process_has_died() {
     let begun = [&arguments[..], &["killed", "--checkpoint-cycles", "20"]].concat();
     let mut running =
         launcher(here, 3, &begun).stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("mpirun is on the PATH");
-    let began = Instant::now();
-    let has_checkpoint = || {
-        let all = fs::read_dir(here.join("killed")).into_iter().flatten().flatten();
-        all.flat_map(|entry| files(&entry.path())).any(|(path, _)| path.to_string_lossy().contains("checkpoint-"))
-    };
-    while !has_checkpoint() {
-        assert!(began.elapsed() < Duration::from_secs(120), "no run has begun");
-        thread::sleep(Duration::from_millis(20));
-    }
+    wait_for_checkpoint(&here.join("killed"));
     let worker = process_of(&running, 2).expect("rank 2 is a child of the launcher");
     assert!(Command::new("kill").args(["-9", &worker.to_string()]).status().unwrap().success());
     assert!(!running.wait().unwrap().success());

@@ -33,6 +33,10 @@ impl MethodSettings for Etkf {
         format!("ETKF, {}", ensemble::describe(&self.0))
     }
 
+    fn in_bands(&self) -> bool {
+        true
+    }
+
     fn fixed_gain(&self) -> Result<(), &'static str> {
         Err(ensemble::RANDOM_GAIN)
     }

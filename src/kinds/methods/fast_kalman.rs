@@ -173,6 +173,10 @@ impl MethodSettings for FastKalman {
         format!("Fast Kalman Filter, {settings}")
     }
 
+    fn in_bands(&self) -> bool {
+        true
+    }
+
     fn fixed_gain(&self) -> Result<(), &'static str> {
         Ok(())
     }

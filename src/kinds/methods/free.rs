@@ -24,6 +24,10 @@ impl MethodSettings for Free {
         "no assimilation".into()
     }
 
+    fn in_bands(&self) -> bool {
+        true
+    }
+
     fn fixed_gain(&self) -> Result<(), &'static str> {
         Ok(())
     }

@@ -53,6 +53,10 @@ impl MethodSettings for Letkf {
         format!("LETKF, localised within {radius_km} km, {}", ensemble::describe(&self.ensemble))
     }
 
+    fn in_bands(&self) -> bool {
+        true
+    }
+
     fn fixed_gain(&self) -> Result<(), &'static str> {
         Err(ensemble::RANDOM_GAIN)
     }

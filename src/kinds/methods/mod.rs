@@ -168,6 +168,17 @@ impl Method {
         adapts.or(self.settings.fixed_gain().err())
     }
 
+    /// Why the ranks of a run cannot divide it among them; `None` if they can.
+    pub fn why_undivided(&self) -> Option<String> {
+        if !self.settings.in_bands() {
+            Some(format!("kind = \"{}\"", self.kind))
+        } else if self.smoother_lag_cycles.is_some() {
+            Some("its smoother".into())
+        } else {
+            self.adapt.map(|_| "`adapt`".into())
+        }
+    }
+
     /// The method as it starts, with factors on its errors' covariances if it adapts them; `within_window`: for observations some of
     /// which are valid within a window.
     ///

@@ -82,6 +82,11 @@ pub trait MethodSettings: Debug + Send + Sync {
         Ok(())
     }
 
+    /// Whether the ranks of a run divide its work and its memory among them.
+    fn in_bands(&self) -> bool {
+        false
+    }
+
     /// What the user should know of such a method with this model before it runs.
     fn warning(&self, _: &Model) -> Option<&'static str> {
         None

@@ -73,14 +73,11 @@ impl Keeper {
         by_cycles || (by_time && elapsed >= TIME_BETWEEN_PER_TIME_OF_ONE * self.cost)
     }
 
-    /// Writes a checkpoint after a cycle, unless there is one.
+    /// Writes a checkpoint after a cycle after which there is none.
     ///
     /// # Errors
     /// If it cannot be written.
     pub fn write(&mut self, cycle: usize, experiment: &mut Experiment, scores: &RunScores) -> Result<(), SinkError> {
-        if self.last.1 == cycle {
-            return Ok(());
-        }
         let began = Instant::now();
         let journal_bytes = self.journal.sync()?;
         let checkpoint = Checkpoint::of(&self.plan, cycle, journal_bytes, experiment, scores);

@@ -121,6 +121,13 @@ impl Plan {
         self.run.options.checkpoints
     }
 
+    /// A checksum of all that [`Plan::difference`] compares.
+    pub fn checksum(&self) -> u32 {
+        let Self { run, inputs, earlier } = self;
+        let compared = postcard::to_stdvec(&(&run.scenario_text, &run.options, inputs, earlier));
+        crc32fast::hash(&compared.expect("a plan can be serialised"))
+    }
+
     /// Why the other plan is that of another run; `None` if it is the same.
     pub fn difference(&self, other: &Plan) -> Option<String> {
         if self.run.scenario_text != other.run.scenario_text {

@@ -5,6 +5,7 @@ use crate::run::cycle::Progress;
 use crate::run::experiment::{Competitor, Experiment};
 use crate::run::truth::{SavedTruth, Truth};
 use crate::scores::Failure;
+use isobar_assim::Error;
 use isobar_model::State;
 use isobar_obs::SavedSystem;
 use serde::{Deserialize, Serialize};
@@ -91,6 +92,18 @@ impl Saved {
 
 /// The memory of each method, made one after the other; empty for one that has failed.
 pub fn memories(experiment: &Experiment) -> impl Iterator<Item = io::Result<Vec<u8>>> {
+    made(experiment).map(|memory| memory.map_err(io::Error::other))
+}
+
+/// Gives what rank 0 needs for these memories, on another rank.
+///
+/// # Errors
+/// Those of the methods.
+pub fn take_part(experiment: &Experiment) -> Result<(), Error> {
+    made(experiment).try_for_each(|memory| memory.map(drop))
+}
+
+fn made(experiment: &Experiment) -> impl Iterator<Item = Result<Vec<u8>, Error>> {
     let memory = |it: &Competitor| if it.failure.is_none() { it.runner.save() } else { Ok(Vec::new()) };
-    experiment.methods.iter().map(move |it| memory(it).map_err(io::Error::other))
+    experiment.methods.iter().map(memory)
 }

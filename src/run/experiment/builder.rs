@@ -4,8 +4,10 @@ use super::error::ExperimentError;
 use crate::kinds::{distinct_name, plain_name};
 use crate::scenario::{Scenario, check_method_name};
 use isobar_assim::{Assimilator, Error, Problem};
+use isobar_model::communicator::Communicator;
 use isobar_obs::{Network, ObservationError};
 use std::borrow::Cow;
+use std::sync::Arc;
 
 /// A scenario with methods and networks that are made by code: they run after its own, in the same cycles, with the same
 /// events, scores and outputs. A model made by code is part of the scenario:
@@ -18,6 +20,8 @@ pub struct ExperimentBuilder<'a> {
     pub(crate) scenario: Cow<'a, Scenario>,
     /// The methods added to it, in their order.
     pub(super) added: Vec<AddedMethod<'a>>,
+    /// The ranks that compute it together.
+    pub(crate) communicator: Arc<dyn Communicator>,
 }
 
 /// A method that is made by code.
@@ -58,6 +62,17 @@ impl<'a> ExperimentBuilder<'a> {
     pub fn network(mut self, network: Network) -> Self {
         self.scenario.to_mut().networks.push(network);
         self
+    }
+
+    /// Lets the ranks of a communicator compute the experiment together. Each of them builds and runs it from the same scenario,
+    /// with the same options; the model and the methods divide their work, and rank 0 alone writes files.
+    pub fn shared_by(self, communicator: Arc<dyn Communicator>) -> Self {
+        Self { communicator, ..self }
+    }
+
+    /// The names of the methods that are made by code.
+    pub(crate) fn added(&self) -> impl Iterator<Item = &str> {
+        self.added.iter().map(|method| &*method.name)
     }
 
     /// Refuses names that are not valid or that another method or network has.

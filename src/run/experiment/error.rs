@@ -3,6 +3,7 @@
 use crate::calendar::utc;
 use crate::run::comparisons::Misplaced;
 use crate::sensors::SensorError;
+use isobar_model::communicator::RankFailure;
 use isobar_model::{ModelError, Time};
 use isobar_obs::ObservationError;
 
@@ -86,4 +87,7 @@ pub enum ExperimentError {
     /// The database of sensors.
     #[error(transparent)]
     Sensors(#[from] SensorError),
+    /// Something failed on a rank of the run.
+    #[error("rank {}: {}", .0.rank, .0.reason)]
+    Rank(#[from] RankFailure),
 }

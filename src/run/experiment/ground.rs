@@ -12,9 +12,11 @@ use crate::scenario::{Scenario, TruthSeries, TruthSettings, TwinSettings};
 use crate::sensors::knowledge::{WarmStart, warm_start};
 use crate::sensors::{Database, SensorError, database::Missing};
 use isobar_assim::{BiasTreatment, Problem, SensorKnowledge, covariance};
-use isobar_model::check_time_step;
+use isobar_model::communicator::{Alone, Communicator};
 use isobar_model::random::stream;
+use isobar_model::{Adjoint, BandedModel, ModelError, check_time_step};
 use isobar_obs::{Network, ObservationError, ObservingSystem};
+use std::sync::Arc;
 
 /// Everything of an experiment but its methods, which cost memory and time to set up.
 pub struct Ground {
@@ -33,15 +35,22 @@ pub struct Ground {
 /// # Errors
 /// As [`ExperimentBuilder::build`](super::ExperimentBuilder::build).
 pub fn ground(scenario: &Scenario, seed: u64, cycles: usize) -> Result<Ground, ExperimentError> {
-    ground_after(scenario, seed, Span::new(scenario, Some(cycles), None), None)
+    ground_after(
+        scenario,
+        seed,
+        Span::new(scenario, Some(cycles), None),
+        None,
+        &(Arc::new(Alone) as Arc<dyn Communicator>),
+    )
 }
 
-/// The same of a run that goes on from earlier ones.
+/// The same of a run that goes on from earlier ones, and is computed by ranks together. Nothing is exchanged between them here.
 pub(super) fn ground_after(
     scenario: &Scenario,
     seed: u64,
     span: Span,
     earlier: Option<&Earlier>,
+    communicator: &Arc<dyn Communicator>,
 ) -> Result<Ground, ExperimentError> {
     let grid = &scenario.grid.grid;
     check_forcings(scenario, span)?;
@@ -49,6 +58,7 @@ pub(super) fn ground_after(
     let background = scenario.initial.build(&scenario.domain(), seed)?.valid_at(span.start);
     balance::check(scenario, &background)?;
     check_time_step(&*model, &background).map_err(ExperimentError::TimeStep)?;
+    let model = divided(model, communicator)?;
     let build = |components| covariances::build(components, background.layout()).map_err(ExperimentError::Covariance);
     let background_error = build(&scenario.background_error)?;
     let has_model_error = !scenario.model_error.is_empty();
@@ -70,6 +80,7 @@ pub(super) fn ground_after(
         };
         let model = settings.model.build(grid, scenario.cycle.window).map_err(ExperimentError::TrueModel)?;
         check_time_step(&*model, &state).map_err(ExperimentError::TrueTimeStep)?;
+        let model = divided(model, communicator).map_err(ExperimentError::TrueModel)?;
         let steps = scenario.cycle.window.steps_of(model.time_step()).expect("the scenario's window fits its steps");
         let error = model_error.clone().map(|covariance| (covariance, settings.model_error_scale.sqrt()));
         check_times(scenario, steps)?;
@@ -110,6 +121,14 @@ pub(super) fn ground_after(
         most_observations: observing.most_observations(span.cycles()),
     };
     Ok(Ground { problem, sensors, truth, observing })
+}
+
+/// A model whose work ranks divide, if there are several.
+fn divided(model: Arc<dyn Adjoint>, communicator: &Arc<dyn Communicator>) -> Result<Arc<dyn Adjoint>, ModelError> {
+    if communicator.ranks() == 1 {
+        return Ok(model);
+    }
+    Ok(Arc::new(BandedModel::new(model, Arc::clone(communicator))?))
 }
 
 /// Refuses a source that is not known at all times of a run: of the model until the end of the longest forecast ahead.

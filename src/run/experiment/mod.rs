@@ -23,6 +23,7 @@ use crate::kinds::instruments;
 use crate::kinds::methods::{FirstGuess, Method, Sizes, Work};
 use crate::memory;
 use crate::options::RunOptions;
+use crate::run::agreement::agreed;
 use crate::run::ahead::{Ahead, require_room};
 use crate::run::comparisons::{Comparisons, Misplaced};
 use crate::run::cycle::{Judging, Runner};
@@ -38,10 +39,12 @@ use builder::AddedMethod;
 use ground::ground_after;
 use isobar_assim::high_pass::HighPassSettings;
 use isobar_assim::{Assimilator, BiasTreatment, Calibrated, Initialised, Problem, Recalibration, Whitened};
+use isobar_model::communicator::{Alone, Communicator};
 use isobar_model::{State, Time};
 use isobar_obs::ObservingSystem;
 use span::Span;
 use std::borrow::Cow;
+use std::sync::Arc;
 
 impl ExperimentError {
     /// The same fault with its place in the scenario's file.
@@ -76,6 +79,7 @@ impl ExperimentError {
             }
             ExperimentError::Truth(_) => (vec!["truth", "file"], "this file"),
             ExperimentError::Sensors(_) => (vec!["sensors", "database"], "this database"),
+            ExperimentError::Rank(_) => (Vec::new(), "on another process"),
             ExperimentError::Observations(error) => {
                 place = instruments::place(error, &scenario.text);
                 (place.iter().map(String::as_str).collect(), "here")
@@ -155,7 +159,7 @@ impl Competitor {
 impl Experiment {
     /// A scenario, to which methods and networks from code can be added.
     pub fn builder(scenario: &Scenario) -> ExperimentBuilder<'_> {
-        ExperimentBuilder { scenario: Cow::Borrowed(scenario), added: Vec::new() }
+        ExperimentBuilder { scenario: Cow::Borrowed(scenario), added: Vec::new(), communicator: Arc::new(Alone) }
     }
 }
 
@@ -180,7 +184,7 @@ impl ExperimentBuilder<'_> {
     ) -> Result<Experiment, ExperimentError> {
         let experiment = self.build_at_end(options, earlier)?;
         let truth = experiment.truth.as_ref().map(|truth| truth.check_cycles(experiment.info.count()));
-        truth.transpose().map_err(ExperimentError::Truth)?;
+        agreed(&*self.communicator, truth.transpose().map_err(ExperimentError::Truth))?;
         Ok(experiment)
     }
 
@@ -194,11 +198,12 @@ impl ExperimentBuilder<'_> {
         earlier: Option<&Earlier>,
     ) -> Result<Experiment, ExperimentError> {
         self.check_names()?;
-        let Self { added, .. } = self;
+        let Self { added, communicator, .. } = self;
+        let communicator = &**communicator;
         let scenario = &*self.scenario;
         let seed = options.seed.unwrap_or(scenario.seed);
         let span = Span::new(scenario, options.cycles, earlier);
-        let ground = ground_after(scenario, seed, span, earlier)?;
+        let ground = agreed(communicator, ground_after(scenario, seed, span, earlier, &self.communicator))?;
         let placed = placed_warnings(scenario, &ground)?;
         let comparisons = Comparisons::new(scenario, &ground.observing, seed).map_err(ExperimentError::Comparison)?;
         let Ground { problem, sensors, truth, observing } = ground;
@@ -229,7 +234,7 @@ impl ExperimentBuilder<'_> {
         let (mut methods, mut infos) = (Vec::new(), Vec::new());
         for (name, method) in scenario.methods.iter().filter(|(name, _)| chosen(name)) {
             let build = || {
-                let built = self::method(&problem, name, scenario, span.start)?;
+                let built = method_on(communicator, &problem, name, scenario, span.start)?;
                 let built = calibrated(built, method.estimates_biases());
                 Ok(if method.uses_comparisons { built } else { built.ignoring_comparisons() })
             };
@@ -377,20 +382,32 @@ pub fn method(
     scenario: &Scenario,
     start: Time,
 ) -> Result<Box<dyn Assimilator>, ExperimentError> {
+    method_on(&Alone, problem, name, scenario, start)
+}
+
+/// The same on ranks that compute it together.
+fn method_on(
+    communicator: &dyn Communicator,
+    problem: &Problem,
+    name: &str,
+    scenario: &Scenario,
+    start: Time,
+) -> Result<Box<dyn Assimilator>, ExperimentError> {
     let fault = |error| ExperimentError::Method { name: name.to_string(), error };
     // The limit of a scenario may be more than the machine has: what is far beyond that is not even tried.
     let settings = &scenario.methods[name];
-    let needed_bytes = cost::bytes(&work(scenario, settings, problem));
+    let needed_bytes = cost::bytes(&work(scenario, settings, problem)) / communicator.ranks() as f64;
     let is_beyond = |total: &u64| settings.memory_limit_bytes > *total && needed_bytes > DOUBT * *total as f64;
-    if let Some(total_bytes) = memory::total_bytes().filter(is_beyond) {
+    let beyond = memory::total_bytes().filter(is_beyond).map_or(Ok(()), |total_bytes| {
         let (needed, total) = (memory::in_words(needed_bytes), memory::in_words(total_bytes as f64));
         let message = format!("it would need about {needed}, and this machine has {total}");
-        return Err(fault(isobar_assim::Error::Setting(message)));
-    }
+        Err(fault(isobar_assim::Error::Setting(message)))
+    });
+    agreed(communicator, beyond)?;
     let (window, within_window) = (scenario.cycle.window, scenario.observes_within_window());
     let method = settings.build(problem, &scenario.domain(), start, window, within_window).map_err(fault)?;
     if scenario.forecast.is_some() {
-        require_room(&*method, settings.memory_limit_bytes).map_err(fault)?;
+        require_room(&*method, settings.memory_limit_bytes, communicator).map_err(fault)?;
     }
     match initialisation(name, scenario) {
         Some(high_pass) => {
