@@ -118,6 +118,10 @@ fn the_fast_kalman_filter_is_the_same_on_several_ranks() {
     check("fkf with separators", &fast(separated), 1e-10);
     let energetic = FastKalmanSettings { retained_energy: 0.999, residual: Residual::Persist, ..settings };
     check("fkf with few factors", &fast(energetic), 1e-10);
+    let coarse = move |problem: Problem| -> Result<Box<dyn Assimilator>, Error> {
+        Ok(Box::new(FastKalmanFilter::new(problem, settings)?.with_factors_on(channel_jet(6, 1200).0)?))
+    };
+    check("fkf with factors on a coarser grid", &coarse, 1e-10);
     check(
         "fkf in single precision",
         &fast(FastKalmanSettings { factor_precision: Precision::Single, ..settings }),
@@ -129,7 +133,10 @@ fn the_fast_kalman_filter_is_the_same_on_several_ranks() {
 fn ensembles_are_the_same_on_several_ranks() {
     check("free", &|problem| Ok(Box::new(FreeRun::new(problem))), 0.0);
     let settings = EnsembleSettings { model_error: ModelErrorTreatment::Random, ..ensemble_settings(12) };
-    check("etkf", &move |problem| Ok(Box::new(EnsembleTransformKalmanFilter::new(problem, settings)?)), 1e-10);
+    for model_error in [ModelErrorTreatment::Random, ModelErrorTreatment::SquareRoot] {
+        let settings = EnsembleSettings { model_error, ..settings };
+        check("etkf", &move |problem| Ok(Box::new(EnsembleTransformKalmanFilter::new(problem, settings)?)), 1e-10);
+    }
     let inflation = Inflation {
         background: BackgroundInflation::Adaptive { sigma: 0.1 },
         relaxation_to_prior_spread: 0.3,

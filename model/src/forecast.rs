@@ -108,7 +108,32 @@ pub trait TangentLinear: Model {
     fn steps_tl_between(&self, at: &State, columns: ColumnsMut<'_>, steps: usize, between: Between<'_>) {
         step_by_step(self, at, columns, steps, between);
     }
+
+    /// Advances a state and increments by `steps` time steps, all together by each, before which their fields are exchanged: where
+    /// others know what they are next. The bits are those of [`TangentLinear::steps_tl`] with one step after each exchange.
+    ///
+    /// A model overrides it if it need not arrange the increments anew for each step.
+    fn steps_tl_exchanging(&self, at: &mut State, mut columns: ColumnsMut<'_>, steps: usize, exchange: Exchange<'_>) {
+        let cells = self.layout().grid.cells();
+        for _ in 0..steps {
+            exchange(&mut fields(cells, at, &mut columns).collect::<Vec<_>>());
+            self.steps_tl(at, columns.reborrow(), 1);
+            self.step(at);
+        }
+    }
 }
+
+/// The fields of a state and of columns.
+pub(crate) fn fields<'a>(
+    cells: usize,
+    at: &'a mut State,
+    columns: &'a mut ColumnsMut<'_>,
+) -> impl Iterator<Item = ColumnsMut<'a>> {
+    at.values_mut().chunks_exact_mut(cells).map(ColumnsMut::Double).chain(columns.reborrow().fields(cells))
+}
+
+/// Changes fields before a step: those of the state and of increments, `[y, x]` each, or `[y, x, lane]` of several increments.
+pub type Exchange<'a> = &'a mut dyn FnMut(&mut [ColumnsMut<'_>]);
 
 /// Changes the values of a trajectory's state after a step, given the number of the step, from one, and the values.
 pub type Between<'a> = &'a (dyn Fn(usize, &mut [f64]) + Sync);

@@ -11,6 +11,37 @@ pub enum ColumnsMut<'a> {
     Single(&'a mut [f32]),
 }
 
+impl<'a> ColumnsMut<'a> {
+    /// The same for a shorter time.
+    pub fn reborrow(&mut self) -> ColumnsMut<'_> {
+        match self {
+            Self::Double(columns) => ColumnsMut::Double(columns),
+            Self::Single(columns) => ColumnsMut::Single(columns),
+        }
+    }
+
+    /// Fields of this number of values, one after another.
+    pub fn fields(self, len: usize) -> Box<dyn Iterator<Item = ColumnsMut<'a>> + 'a> {
+        match self {
+            Self::Double(columns) => Box::new(columns.chunks_exact_mut(len).map(ColumnsMut::Double)),
+            Self::Single(columns) => Box::new(columns.chunks_exact_mut(len).map(ColumnsMut::Single)),
+        }
+    }
+
+    /// Number of values.
+    pub fn len(&self) -> usize {
+        match self {
+            Self::Double(columns) => columns.len(),
+            Self::Single(columns) => columns.len(),
+        }
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+}
+
 /// A number of an increment as it is stored: `f64`, or `f32` for half the memory and twice as many numbers in a vector of the
 /// processor, at the price of a relative error of 2⁻²⁴ whenever it is written or computed with.
 pub trait Stored: Arithmetic {

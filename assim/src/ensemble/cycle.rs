@@ -46,9 +46,6 @@ impl EnsembleCycle {
     /// # Errors
     /// As [`Ensemble::draw`].
     pub fn new(problem: Problem<dyn Model>, settings: EnsembleSettings, analyses: usize) -> Result<Self, Error> {
-        if settings.model_error == ModelErrorTreatment::SquareRoot && problem.model_error.is_some() {
-            problem.require_one_rank("the square root of the model error in the members' span")?;
-        }
         // Methods with the same seed and number of members start from the same ones.
         let purpose = match settings.initial_members {
             InitialMembers::Random => "ensemble",

@@ -425,7 +425,8 @@ fn second_order_exact(
         (0..m).map(|i| draws.iter().map(|draw| draw[i] * draw[i]).sum::<f64>() / 8.0).collect()
     };
     let spread: Vec<f64> = variances.iter().map(|variance| variance.sqrt()).collect();
-    let scales = variable_scales(problem, &spread);
+    let layout = problem.background.layout();
+    let scales = variable_scales(&Bands::whole(&layout.grid), layout.variables.len(), &spread);
     let factors = covariance::leading_factors(&*problem.background_error, &scales, members - 1 - p, random);
     let factors = turned_to_fixed_directions(factors, &scales);
     let r = factors.ncols();

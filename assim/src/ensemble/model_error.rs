@@ -8,7 +8,7 @@ use crate::linalg::{add_product, add_symmetric_product, eigen, product};
 use crate::problem::Problem;
 use faer::Mat;
 use isobar_model::random::standard_normals;
-use isobar_model::{Duration, Model};
+use isobar_model::{Bands, Duration, Model};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
@@ -34,9 +34,9 @@ pub(super) fn add_model_error(
     }
     let mut draws = draws(problem, &drift, perturbations.ncols(), random);
     if treatment == ModelErrorTreatment::SquareRoot {
-        let span = Span::new(problem, perturbations);
-        span.remove_from(&mut draws);
-        *perturbations = product(perturbations.as_ref(), span.square_root(problem, &drift).as_ref());
+        let span = Span::new(problem, perturbations, drift.len());
+        span.remove_from(&mut draws, drift.len());
+        *perturbations = product(perturbations.as_ref(), span.square_root(&drift).as_ref());
     }
     *perturbations += draws;
 }
@@ -64,7 +64,9 @@ fn draws(problem: &Problem<dyn Model>, drift: &[f64], members: usize, random: &m
 }
 
 /// The span of an ensemble, in the norm in which every variable is divided by its spread.
-struct Span {
+struct Span<'a> {
+    problem: &'a Problem<dyn Model>,
+    bands: Bands,
     scales: Vec<f64>,
     /// Z = S⁻¹ X, `[m + p, N]`.
     scaled: Mat<f64>,
@@ -73,59 +75,54 @@ struct Span {
     vectors: Mat<f64>,
 }
 
-impl Span {
-    fn new(problem: &Problem<dyn Model>, perturbations: &Mat<f64>) -> Self {
-        let scales = variable_scales(problem, &spread(perturbations));
+impl<'a> Span<'a> {
+    /// Of perturbations whose last rows are those of `parameters` parameters.
+    fn new(problem: &'a Problem<dyn Model>, perturbations: &Mat<f64>, parameters: usize) -> Self {
+        let (bands, fields) = (problem.bands(), problem.background.layout().variables.len());
+        let scales = variable_scales(&bands, fields, &spread(perturbations));
         let members = perturbations.ncols();
         let scaled = Mat::from_fn(perturbations.nrows(), members, |i, j| perturbations[(i, j)] / scales[i]);
-        let mut gram = Mat::zeros(members, members);
-        add_symmetric_product(gram.as_mut(), 1.0, scaled.transpose(), scaled.as_ref());
+        let gram = inner_products(&bands, parameters, &scaled, &scaled);
         let (values, vectors) = eigen(gram.as_ref());
         let first = values.partition_point(|&value| value <= LEAST_VARIANCE * values[members - 1]);
         let vectors = vectors.as_ref().get(.., first..).to_owned();
         let inverse = Mat::from_fn(members, members - first, |i, j| vectors[(i, j)] / values[first + j]);
-        Self { scales, scaled, inverse, vectors }
+        Self { problem, bands, scales, scaled, inverse, vectors }
     }
 
-    /// Z⁺ A = V Σ⁻² Vᵀ Zᵀ A for scaled columns A.
-    fn coordinates(&self, columns: &Mat<f64>) -> Mat<f64> {
-        let inner = product(self.scaled.transpose(), columns.as_ref());
-        product(self.inverse.as_ref(), product(self.vectors.transpose(), inner.as_ref()).as_ref())
-    }
-
-    /// D ← S (I − Z Z⁺) S⁻¹ D.
-    fn remove_from(&self, draws: &mut Mat<f64>) {
+    /// D ← S (I − Z Z⁺) S⁻¹ D, where Z⁺ A = V Σ⁻² Vᵀ Zᵀ A.
+    fn remove_from(&self, draws: &mut Mat<f64>, parameters: usize) {
         let mut scaled = Mat::from_fn(draws.nrows(), draws.ncols(), |i, j| draws[(i, j)] / self.scales[i]);
-        let coordinates = self.coordinates(&scaled);
+        let inner = inner_products(&self.bands, parameters, &self.scaled, &scaled);
+        let coordinates = product(self.inverse.as_ref(), product(self.vectors.transpose(), inner.as_ref()).as_ref());
         add_product(scaled.as_mut(), -1.0, self.scaled.as_ref(), coordinates.as_ref());
         *draws = Mat::from_fn(draws.nrows(), draws.ncols(), |i, j| scaled[(i, j)] * self.scales[i]);
     }
 
     /// T = (I + (N − 1) Z⁺ S⁻¹ Q S⁻¹ Z⁺ᵀ)^½, so that X T has the covariance of X and the projected Q together.
-    fn square_root(&self, problem: &Problem<dyn Model>, drift: &[f64]) -> Mat<f64> {
+    fn square_root(&self, drift: &[f64]) -> Mat<f64> {
         let (rows, members) = (self.scaled.nrows(), self.scaled.ncols());
         let m = rows - drift.len();
         // Z⁺ᵀ = Z V Σ⁻² Vᵀ; of it the columns Z V Σ⁻² suffice.
         let dual = product(self.scaled.as_ref(), self.inverse.as_ref());
-        let columns: Vec<Vec<f64>> = (0..dual.ncols())
-            .into_par_iter()
-            .map(|j| {
-                let mut dual: Vec<f64> =
-                    dual.col_as_slice(j).iter().zip(&self.scales).map(|(value, scale)| value / scale).collect();
-                let walks = dual.split_off(m);
-                let mut image = match problem.model_error.as_deref() {
-                    Some(model_error) => covariance::multiply(model_error, &dual),
-                    None => vec![0.0; m],
-                };
-                image.extend(walks.iter().zip(drift).map(|(value, sigma)| value * sigma * sigma));
-                image.iter_mut().zip(&self.scales).for_each(|(value, scale)| *value /= scale);
-                image
-            })
-            .collect();
-        let rank = columns.len();
+        let rank = dual.ncols();
+        let unscaled = |j: usize| dual.col_as_slice(j).iter().zip(&self.scales).map(|(value, scale)| value / scale);
+        let states = self.bands.collect((0..rank).map(|j| unscaled(j).take(m).collect()).collect());
+        let multiply = |state: &Vec<f64>| match self.problem.model_error.as_deref() {
+            Some(model_error) => covariance::multiply(model_error, state),
+            None => vec![0.0; state.len()],
+        };
+        let images = self.bands.deal(states.par_iter().map(multiply).collect());
+        let with_walks = |(j, mut image): (usize, Vec<f64>)| {
+            image.extend(unscaled(j).skip(m).zip(drift).map(|(value, sigma)| value * sigma * sigma));
+            image.iter_mut().zip(&self.scales).for_each(|(value, scale)| *value /= scale);
+            image
+        };
+        let columns: Vec<Vec<f64>> = images.into_iter().enumerate().map(with_walks).collect();
         let image = Mat::from_fn(rows, rank, |i, j| columns[j][i]);
-        let mut core = Mat::identity(rank, rank);
-        add_symmetric_product(core.as_mut(), (members - 1) as f64, dual.transpose(), image.as_ref());
+        let mut core = inner_products(&self.bands, drift.len(), &dual, &image);
+        core *= faer::Scale((members - 1) as f64);
+        (0..rank).for_each(|j| core[(j, j)] += 1.0);
         // T = I + V (core^½ − I) Vᵀ: the identity beyond the span.
         let (values, vectors) = eigen(core.as_ref());
         let outer = product(self.vectors.as_ref(), vectors.as_ref());
@@ -134,4 +131,14 @@ impl Span {
         add_symmetric_product(root.as_mut(), 1.0, weighted.as_ref(), outer.transpose());
         root
     }
+}
+
+/// Aᵀ B of columns of which this rank has its rows of the state, and all those of the parameters, which are the last.
+fn inner_products(bands: &Bands, parameters: usize, a: &Mat<f64>, b: &Mat<f64>) -> Mat<f64> {
+    let rows = if bands.communicator().rank() == 0 { a.nrows() } else { a.nrows() - parameters };
+    let own = product(a.as_ref().get(..rows, ..).transpose(), b.as_ref().get(..rows, ..));
+    let (count, columns) = own.shape();
+    let mut sums: Vec<f64> = (0..columns).flat_map(|j| own.col_as_slice(j)).copied().collect();
+    bands.communicator().sum(&mut sums);
+    Mat::from_fn(count, columns, |i, j| sums[j * count + i])
 }

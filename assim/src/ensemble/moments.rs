@@ -1,9 +1,8 @@
 //! Mean and perturbations of an ensemble.
 
 use crate::memory::Matrix;
-use crate::problem::Problem;
 use faer::Mat;
-use isobar_model::Model;
+use isobar_model::Bands;
 use isobar_model::vector::{add, subtract};
 use serde::{Deserialize, Serialize};
 
@@ -86,15 +85,18 @@ pub(super) fn spread(perturbations: &Mat<f64>) -> Vec<f64> {
     squares.iter().map(|square| (square / degrees).sqrt()).collect()
 }
 
-/// The standard deviation of each variable over the domain, for every value of the state: the scales of a norm in which
-/// no variable is lost beside another.
-pub(super) fn variable_scales(problem: &Problem<dyn Model>, spread: &[f64]) -> Vec<f64> {
-    let cells = problem.background.layout().grid.cells();
-    let of_field = |field: &[f64]| {
-        let mean_square = field.iter().map(|sigma| sigma * sigma).sum::<f64>() / cells as f64;
+/// The standard deviation of each variable over the domain, for every value of the state that this rank has: the scales of a norm in
+/// which no variable is lost beside another. `spread` may go on with that of parameters.
+pub(super) fn variable_scales(bands: &Bands, fields: usize, spread: &[f64]) -> Vec<f64> {
+    let own_cells = bands.own_cells().len();
+    let (state, calibration) = spread.split_at(fields * own_cells);
+    let sum_of_squares = |field: &[f64]| field.iter().map(|sigma| sigma * sigma).sum::<f64>();
+    let mut sums: Vec<f64> = state.chunks_exact(own_cells).map(sum_of_squares).collect();
+    bands.communicator().sum(&mut sums);
+    let of_field = |sum: f64| {
+        let mean_square = sum / bands.grid().cells() as f64;
         if mean_square > 0.0 { mean_square.sqrt() } else { 1.0 }
     };
-    let (state, calibration) = spread.split_at(problem.background.values().len());
-    let state = state.chunks_exact(cells).flat_map(|field| std::iter::repeat_n(of_field(field), cells));
+    let state = sums.into_iter().flat_map(|sum| std::iter::repeat_n(of_field(sum), own_cells));
     state.chain(calibration.iter().map(|&sigma| if sigma > 0.0 { sigma } else { 1.0 })).collect()
 }

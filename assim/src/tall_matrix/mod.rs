@@ -159,8 +159,10 @@ impl TallMatrix {
 
     /// Applies `work` to each column, in parallel; to none if they have no rows.
     pub fn edit_columns(&mut self, work: impl Fn(&mut [f64]) + Sync) {
-        if let Some(bands) = self.bands.clone() {
-            return self.edit_whole_columns(&bands, &work);
+        if self.bands.is_some() {
+            return self.edit_whole_columns(0..self.columns, |columns| {
+                columns.par_iter_mut().for_each(|column| work(column));
+            });
         }
         let rows = self.rows.max(1);
         stored!(&mut self.values, values => {

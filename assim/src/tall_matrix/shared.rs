@@ -3,8 +3,8 @@
 use super::{Precision, TallMatrix};
 use faer::Mat;
 use isobar_model::Bands;
-use rayon::prelude::*;
 use std::borrow::Cow;
+use std::ops::Range;
 
 impl TallMatrix {
     /// Zeros, `[rows, columns]`, where columns are states of the grid of the bands, of which this rank has its rows.
@@ -82,16 +82,24 @@ impl TallMatrix {
         self.edit_own_column(column, |own| own.copy_from_slice(&part));
     }
 
-    /// Applies `work` to each column: each rank to its share of as many columns at a time as there are threads.
-    pub(super) fn edit_whole_columns(&mut self, bands: &Bands, work: &(impl Fn(&mut [f64]) + Sync)) {
+    /// Applies `work` to some of the columns, all of them, each on one of the ranks: to as many at a time as this one has threads.
+    pub fn edit_whole_columns(&mut self, columns: Range<usize>, mut work: impl FnMut(&mut [Vec<f64>])) {
+        let Some(bands) = self.bands.clone() else {
+            for column in columns {
+                let mut whole = [self.own_column(column).into_owned()];
+                work(&mut whole);
+                self.edit_own_column(column, |own| own.copy_from_slice(&whole[0]));
+            }
+            return;
+        };
         let together = bands.communicator().ranks() * rayon::current_num_threads();
         // The same on all ranks, whose threads may differ in number.
         let together = bands.communicator().of_first(vec![together as f64])[0] as usize;
-        for first in (0..self.columns).step_by(together) {
-            let columns = first..self.columns.min(first + together);
+        for first in columns.clone().step_by(together) {
+            let columns = first..columns.end.min(first + together);
             let parts = columns.clone().map(|column| self.own_column(column).into_owned()).collect();
             let mut whole = bands.collect(parts);
-            whole.par_iter_mut().for_each(|column| work(column));
+            work(&mut whole);
             for (column, part) in columns.zip(bands.deal(whole)) {
                 self.edit_own_column(column, |own| own.copy_from_slice(&part));
             }

@@ -63,22 +63,23 @@ impl RowExchange {
         &self.own
     }
 
-    /// Fills the rows on either side of fields `[y, x]` of these rows, each in a slice, in double or single precision. Collective.
+    /// Fills the rows on either side of fields `[y, x]` of these rows, each in a slice, in double or single precision, or of
+    /// fields `[y, x, lane]`. Collective.
     ///
     /// # Panics
     /// If the ranks have fields of different numbers.
     pub fn fill(&self, bands: &Bands, fields: &mut [ColumnsMut<'_>]) {
-        let (nx, first) = (self.nx, self.own.start);
-        let part = |row: usize| row * nx..(row + 1) * nx;
+        let row_len = |field: &ColumnsMut<'_>| field.len() / self.rows.len();
+        let part = |row: usize, len: usize| row * len..(row + 1) * len;
+        let row_lens: usize = fields.iter().map(row_len).sum();
         let message = |rows: &[usize]| {
-            let mut values = Vec::with_capacity(fields.len() * rows.len() * nx);
+            let mut values = Vec::with_capacity(row_lens * rows.len());
             for field in fields.iter() {
-                for &row in rows {
+                let len = row_len(field);
+                for part in rows.iter().map(|&row| part(self.own.start + row, len)) {
                     match field {
-                        ColumnsMut::Double(field) => values.extend_from_slice(&field[part(first + row)]),
-                        ColumnsMut::Single(field) => {
-                            values.extend(field[part(first + row)].iter().map(|value| value.widen()))
-                        }
+                        ColumnsMut::Double(field) => values.extend_from_slice(&field[part]),
+                        ColumnsMut::Single(field) => values.extend(field[part].iter().map(|value| value.widen())),
                     }
                 }
             }
@@ -88,13 +89,15 @@ impl RowExchange {
         let sources: Vec<usize> = self.incoming.iter().map(|(rank, _)| *rank).collect();
         let received = bands.communicator.exchange(outgoing, &sources);
         for ((_, rows), values) in self.incoming.iter().zip(received) {
-            assert_eq!(values.len(), fields.len() * rows.len() * nx, "the ranks have fields of different numbers");
-            let mut values = values.chunks_exact(nx);
+            assert_eq!(values.len(), row_lens * rows.len(), "the ranks have fields of different numbers");
+            let mut left = &values[..];
             for field in fields.iter_mut() {
-                for (&row, values) in rows.iter().zip(&mut values) {
+                let len = row_len(field);
+                for part in rows.iter().map(|&row| part(row, len)) {
+                    let values = left.split_off(..len).expect("they are counted");
                     match field {
-                        ColumnsMut::Double(field) => f64::narrow_all(values, &mut field[part(row)]),
-                        ColumnsMut::Single(field) => f32::narrow_all(values, &mut field[part(row)]),
+                        ColumnsMut::Double(field) => f64::narrow_all(values, &mut field[part]),
+                        ColumnsMut::Single(field) => f32::narrow_all(values, &mut field[part]),
                     }
                 }
             }

@@ -69,7 +69,7 @@ impl BandedModel {
             let is_possible = |part: &&mut [f64]| self.local.check_state(&self.own_state(part)).is_ok();
             self.require_all(parts.iter().position(|part| !is_possible(part)), parts, time, steps)?;
             for _ in 0..steps {
-                self.fill::<f64>(&mut states, &mut []);
+                self.fill(&mut states);
                 advance_each(&*self.local, &mut states);
             }
             let advanced: Vec<Vec<f64>> = states.iter().map(|state| self.own_values(state)).collect();
@@ -89,18 +89,13 @@ impl BandedModel {
         let (own_len, layout) = (self.own_len(), self.local.layout());
         let own_state = self.bands.own_part(at.values());
         for parts in parts.chunks_mut(TOGETHER * own_len) {
-            let mut at = [self.widened(&own_state, at.time())];
+            let mut at = self.widened(&own_state, at.time());
             let mut wide = vec![S::default(); parts.len() / own_len * layout.len()];
             for (wide, part) in wide.chunks_exact_mut(layout.len()).zip(parts.chunks_exact(own_len)) {
                 self.exchange.widen(part, wide);
             }
-            for step in 1..=steps {
-                self.fill(&mut at, &mut wide);
-                self.local.steps_tl(&at[0], S::columns_mut(&mut wide), 1);
-                if step < steps {
-                    advance_each(&*self.local, &mut at);
-                }
-            }
+            let mut exchange = |fields: &mut [ColumnsMut<'_>]| self.exchange.fill(&self.bands, fields);
+            self.local.steps_tl_exchanging(&mut at, S::columns_mut(&mut wide), steps, &mut exchange);
             for (wide, part) in wide.chunks_exact(layout.len()).zip(parts.chunks_exact_mut(own_len)) {
                 self.exchange.narrow(wide, part);
             }
@@ -144,13 +139,12 @@ impl BandedModel {
         state
     }
 
-    /// Receives the rows beside the rank's, of states and increments. Collective.
-    fn fill<S: Stored>(&self, states: &mut [State], columns: &mut [S]) {
+    /// Receives the rows beside the rank's. Collective.
+    fn fill(&self, states: &mut [State]) {
         let len = self.exchange.rows().len() * self.bands.grid().nx;
-        let of_states =
+        let fields =
             states.iter_mut().flat_map(|state| state.values_mut().chunks_exact_mut(len)).map(ColumnsMut::Double);
-        let of_columns = columns.chunks_exact_mut(len).map(S::columns_mut);
-        self.exchange.fill(&self.bands, &mut of_states.chain(of_columns).collect::<Vec<_>>());
+        self.exchange.fill(&self.bands, &mut fields.collect::<Vec<_>>());
     }
 
     /// The place of a value of this rank's part in words, as in the whole.
@@ -237,7 +231,7 @@ impl Model for BandedModel {
         let own = |state: &State| self.widened(&self.bands.own_part(state.values()), state.time());
         let mut local: Vec<State> = states.iter().map(own).collect();
         for _ in 0..steps {
-            self.fill::<f64>(&mut local, &mut []);
+            self.fill(&mut local);
             advance_each(&*self.local, &mut local);
         }
         let parts: Vec<f64> = local.iter().flat_map(|state| self.own_values(state)).collect();

@@ -15,7 +15,7 @@ use std::borrow::Cow;
 /// A group takes as long as this number of columns alone, in double and in single precision, on a processor with vectors of 32 bytes: on
 /// 20² cells 1.6 and 1.7 to 1.9, on 64² 2.5 to 3.0 and 2.5 to 3.6, on 256² 4.9 and 7.0, with leapfrog there 7 and 9. It has as many
 /// bytes in either precision, and they are what matters: what of it stays in cache.
-fn least_of_a_group<N: Stored>(len: usize) -> usize {
+pub(super) fn least_of_a_group<N: Stored>(len: usize) -> usize {
     let bytes = N::COLUMNS * len * size_of::<N>();
     if bytes <= 1 << 18 {
         2

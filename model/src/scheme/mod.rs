@@ -10,12 +10,13 @@
 //! | `sweep`, `bands` | a step of the state as one pass over memory, in parallel bands of rows |
 //! | `side_by_side` | states of a small grid advanced together |
 //! | `tangent_sweep`, `adjoint_sweep` | the same for increments, forwards and back |
-//! | `groups`, `interleaving`, `strips`, `stages` | which increments together, how they lie, and rows in cache |
+//! | `groups`, `held_groups`, `interleaving`, `strips`, `stages` | which increments together, how they lie, and rows in cache |
 //! | `update` | how the slopes of a row make its next state |
 
 mod adjoint_sweep;
 mod bands;
 mod groups;
+mod held_groups;
 mod interleaving;
 pub mod leapfrog;
 pub mod restarted;

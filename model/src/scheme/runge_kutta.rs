@@ -21,12 +21,14 @@
 
 use super::adjoint_sweep::sweep_ad;
 use super::side_by_side::{best_together, sweep_states};
-use super::tangent_sweep::sweep_tl;
+use super::tangent_sweep::{sweep_tl, sweep_tl_exchanging};
 use super::tendency::{SpectralBounds, Tendency};
 use super::update::Scheme;
 use crate::columns::Columns;
 use crate::error::ModelError;
-use crate::forecast::{Adjoint, Between, Model, TangentLinear, require_finite_state, step_by_step, step_by_step_ad};
+use crate::forecast::{
+    Adjoint, Between, Exchange, Model, TangentLinear, require_finite_state, step_by_step, step_by_step_ad,
+};
 use crate::state::{Layout, State};
 use crate::stored::ColumnsMut;
 use crate::time::Duration;
@@ -271,6 +273,10 @@ impl<T: Tendency> TangentLinear for Stepped<T> {
         if !self.sweep_columns(at, &mut columns, steps, between) {
             step_by_step(self, at, columns, steps, between);
         }
+    }
+
+    fn steps_tl_exchanging(&self, at: &mut State, columns: ColumnsMut<'_>, steps: usize, exchange: Exchange<'_>) {
+        sweep_tl_exchanging(self, &self.tendency, self.numbers(), at, columns, steps, exchange);
     }
 }
 

@@ -12,13 +12,15 @@
 //! holds to that of δx, so that the errors of a step are some 2⁻²⁴ of the increment, in hyperdiffusion as in gravity waves.
 
 use super::groups::{follows_state, for_each_group, linearised_at};
+use super::held_groups::HeldGroups;
 use super::rows::{Pushed, Ring, Row, TangentRowStream};
 use super::stages::{Stages, load_state, of_strip};
 use super::strips::{Lanes, Strip, StripReader};
 use super::tendency::Tendency;
 use super::update::{Scheme, combine, leap};
-use crate::forecast::Between;
+use crate::forecast::{Between, Exchange, TangentLinear, fields};
 use crate::grid::{Boundary, Grid};
+use crate::state::State;
 use crate::stored::{ColumnsMut, Stored};
 use pulp::Arch;
 
@@ -50,21 +52,76 @@ fn sweep_in<T: Tendency, N: Stored>(
     if steps == 0 {
         return true;
     }
-    let (grid, variables) = (&tendency.layout().grid, tendency.layout().variables.len());
-    let Some(stream) = tendency.tangent_row_stream::<N>(grid.nx.min(4), Lanes::One) else { return false };
-    let reach = stream.reach() * scheme.stages();
+    let Some(sweep) = sweeps::<T, N>(tendency, scheme) else { return false };
     let start = linearised_at(tendency, at);
     // A state at which another is linearised stays as it is.
     let between: Between<'_> = if follows_state(tendency, at) { between } else { &|_, _| () };
-    let sweep = |lanes: Lanes| {
-        let stream = |_| tendency.tangent_row_stream(lanes.most_places(grid.nx, scheme.stages(), reach), lanes);
-        let streams: Option<Vec<_>> = (0..scheme.stages()).map(stream).collect();
-        Some(TangentWavefront::new(scheme, streams?, grid, variables, lanes))
-    };
     for_each_group(tendency, scheme.levels(), columns, sweep, |columns, sweep: &mut TangentWavefront<'_, N>| {
         sweep.advance(&start, columns, steps, between);
     });
     true
+}
+
+/// Advances a state and columns by `steps` steps of a model, all by each of them after their fields are exchanged; by single steps of
+/// the model, if the tendency has no row form.
+pub(crate) fn sweep_tl_exchanging<T: Tendency>(
+    model: &impl TangentLinear,
+    tendency: &T,
+    scheme: Scheme<'_>,
+    at: &mut State,
+    columns: ColumnsMut<'_>,
+    steps: usize,
+    exchange: Exchange<'_>,
+) {
+    match columns {
+        ColumnsMut::Double(columns) => exchanging_in(model, tendency, scheme, at, columns, steps, exchange),
+        ColumnsMut::Single(columns) => exchanging_in(model, tendency, scheme, at, columns, steps, exchange),
+    }
+}
+
+/// [`sweep_tl_exchanging`] in the precision of the columns.
+fn exchanging_in<T: Tendency, N: Stored>(
+    model: &impl TangentLinear,
+    tendency: &T,
+    scheme: Scheme<'_>,
+    at: &mut State,
+    columns: &mut [N],
+    steps: usize,
+    exchange: Exchange<'_>,
+) {
+    let cells = tendency.layout().grid.cells();
+    let Some(sweep) = sweeps::<T, N>(tendency, scheme) else {
+        for _ in 0..steps {
+            exchange(&mut fields(cells, at, &mut N::columns_mut(columns)).collect::<Vec<_>>());
+            model.steps_tl(at, N::columns_mut(columns), 1);
+            model.step(at);
+        }
+        return;
+    };
+    let mut groups = HeldGroups::new(tendency, scheme.levels(), columns);
+    for _ in 0..steps {
+        let of_state = at.values_mut().chunks_exact_mut(cells).map(ColumnsMut::Double);
+        exchange(&mut of_state.chain(groups.fields()).collect::<Vec<_>>());
+        let start = linearised_at(tendency, at.values());
+        groups.for_each(&sweep, |columns, sweep| sweep.advance(&start, columns, 1, &|_, _| ()));
+        drop(start);
+        model.step(at);
+    }
+    groups.separate();
+}
+
+/// What makes the sweep of a worker over groups or single columns; `None` if the tendency has no row form.
+fn sweeps<'a, T: Tendency, N: Stored>(
+    tendency: &'a T,
+    scheme: Scheme<'a>,
+) -> Option<impl Fn(Lanes) -> Option<TangentWavefront<'a, N>> + Sync + 'a> {
+    let (grid, variables) = (&tendency.layout().grid, tendency.layout().variables.len());
+    let reach = tendency.tangent_row_stream::<N>(grid.nx.min(4), Lanes::One)?.reach() * scheme.stages();
+    Some(move |lanes: Lanes| {
+        let stream = |_| tendency.tangent_row_stream(lanes.most_places(grid.nx, scheme.stages(), reach), lanes);
+        let streams: Option<Vec<_>> = (0..scheme.stages()).map(stream).collect();
+        Some(TangentWavefront::new(scheme, streams?, grid, variables, lanes))
+    })
 }
 
 /// The sweep over the whole grid.

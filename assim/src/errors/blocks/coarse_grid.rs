@@ -14,9 +14,10 @@
 use crate::error::Error;
 use crate::filter::Cycle;
 use crate::tall_matrix::{TallMatrix, stored};
+use isobar_model::communicator::all_succeed;
 use isobar_model::forecast::{ForecastError, forecast, forecast_tl, require_finite_increments};
 use isobar_model::vector::axpy;
-use isobar_model::{Boundary, Duration, Layout, State, Stored, TangentLinear};
+use isobar_model::{BandedModel, Boundary, ColumnsMut, Duration, Layout, State, Stored, TangentLinear};
 use rayon::prelude::*;
 use std::sync::Arc;
 
@@ -81,9 +82,10 @@ impl CoarseGrid {
         factors: usize,
     ) -> Result<(), Error> {
         if let (Some(model), Some(_)) = (cycle.model.in_bands(), columns.bands()) {
-            let at = state.clone();
-            forecast(cycle.model, state, cycle.steps)?;
-            return stored!(columns.values_mut(), columns => Ok(model.forecast_tl_parts(&at, columns, cycle.steps)?));
+            return match coarse {
+                None => forecast_parts(model, state, columns, 0, cycle.steps),
+                Some(coarse) => coarse.forecast_parts_here(model, state, cycle, columns, factors),
+            };
         }
         let factors = factors * columns.rows();
         stored!(columns.values_mut(), columns => match coarse {
@@ -104,13 +106,7 @@ impl CoarseGrid {
         factors: &mut [S],
         probes: &mut [S],
     ) -> Result<(), Error> {
-        let coarse_steps =
-            window.steps_of(self.model.time_step()).filter(|&coarse| coarse <= steps).ok_or_else(|| {
-                let step = self.model.time_step();
-                Error::Setting(format!(
-                    "the window of {window} does not hold whole steps of {step} on the factors' grid"
-                ))
-            })?;
+        let coarse_steps = self.steps_of(window, steps)?;
         let (m, coarse_m) = (state.values().len(), self.model.layout().len());
         let mut coarse = vec![S::default(); factors.len() / m * coarse_m];
         let columns = factors.par_chunks_exact_mut(m).zip(coarse.par_chunks_exact_mut(coarse_m));
@@ -137,6 +133,54 @@ impl CoarseGrid {
             });
         });
         Ok(())
+    }
+
+    /// The same of factors of whose rows each rank has some: each advances its share of them here, and all together the state and the
+    /// probes.
+    fn forecast_parts_here(
+        &self,
+        model: &BandedModel,
+        state: &mut State,
+        cycle: &Cycle<'_>,
+        columns: &mut TallMatrix,
+        factors: usize,
+    ) -> Result<(), Error> {
+        let (steps, coarse_steps) = (cycle.steps, self.steps_of(cycle.window, cycle.steps)?);
+        let coarse_m = self.model.layout().len();
+        let mut coarse: Vec<f64> = Vec::new();
+        columns.edit_whole_columns(0..factors, |columns| {
+            let first = coarse.len();
+            coarse.resize(first + columns.len() * coarse_m, 0.0);
+            columns.par_iter_mut().zip(coarse[first..].par_chunks_exact_mut(coarse_m)).for_each(|(column, coarse)| {
+                self.restrict(column, coarse);
+                self.add_interpolated(-1.0, coarse, column);
+            });
+        });
+        let mut at = State::zeros(self.model.layout());
+        for step in 0..coarse_steps {
+            let (done, next) = (step * steps / coarse_steps, (step + 1) * steps / coarse_steps);
+            self.restrict(state.values(), at.values_mut());
+            forecast_parts(model, state, columns, factors, next - done)?;
+            self.model.steps_tl(&at, ColumnsMut::Double(&mut coarse), 1);
+        }
+        let own = require_finite_increments(self.model.layout(), &coarse, steps);
+        all_succeed(model.bands().communicator(), own).map_err(ForecastError::OnRank)?;
+        let mut left = &coarse[..];
+        columns.edit_whole_columns(0..factors, |columns| {
+            let own = left.split_off(..columns.len() * coarse_m).expect("as many as there were");
+            columns.par_iter_mut().zip(own.par_chunks_exact(coarse_m)).for_each(|(column, coarse)| {
+                self.add_interpolated(1.0, coarse, column);
+            });
+        });
+        Ok(())
+    }
+
+    /// Time steps of this model in a window of so many steps of the state's.
+    fn steps_of(&self, window: Duration, steps: usize) -> Result<usize, Error> {
+        window.steps_of(self.model.time_step()).filter(|&coarse| coarse <= steps).ok_or_else(|| {
+            let step = self.model.time_step();
+            Error::Setting(format!("the window of {window} does not hold whole steps of {step} on the factors' grid"))
+        })
     }
 
     /// coarse = R fine.
@@ -180,6 +224,19 @@ impl CoarseGrid {
             }
         }
     }
+}
+
+/// Advances a state, and the columns from `first` on, of whose rows each rank has some.
+fn forecast_parts(
+    model: &BandedModel,
+    state: &mut State,
+    columns: &mut TallMatrix,
+    first: usize,
+    steps: usize,
+) -> Result<(), Error> {
+    let (at, first) = (state.clone(), first * columns.own_rows());
+    forecast(model, state, steps)?;
+    stored!(columns.values_mut(), columns => Ok(model.forecast_tl_parts(&at, &mut columns[first..], steps)?))
 }
 
 /// Linear interpolation along one direction from coarse points to fine ones.
