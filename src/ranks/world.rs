@@ -81,7 +81,7 @@ impl Communicator for World {
 
     fn gather_all(&self, own: &[f64]) -> Vec<Vec<f64>> {
         let _turn = self.turn_to_tell(self.ranks - 1, own.len());
-        let (world, mut lengths) = (SimpleCommunicator::world(), vec![0; self.ranks]);
+        let (world, mut lengths) = (SimpleCommunicator::world(), vec![0_u64; self.ranks]);
         world.all_gather_into(&(own.len() as u64), &mut lengths[..]);
         let lengths: Vec<usize> = lengths.into_iter().map(|length| length as usize).collect();
         if lengths.iter().sum::<usize>() > FEW {
