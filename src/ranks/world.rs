@@ -137,3 +137,55 @@ fn broadcast(world: &SimpleCommunicator, rank: usize, values: &mut [f64]) {
     let root = world.process_at_rank(rank as i32);
     values.chunks_mut(MOST).for_each(|part| root.broadcast_into(part));
 }
+
+#[cfg(test)]
+mod tests {
+    use super::World;
+    use isobar_model::communicator::{Communicator, Sent};
+    use std::process::Command;
+
+    /// Longer than what MPI sends without waiting for the receiver, and in all than what is gathered in one call.
+    const LONG: usize = 400_000;
+
+    fn check(world: &World) {
+        let (rank, ranks) = (world.rank(), world.ranks());
+        let all: Vec<usize> = (0..ranks).collect();
+        let message = |from: usize, to: usize, length: usize| vec![(10 * from + to) as f64; length + from];
+        for length in [0, 1, LONG] {
+            let outgoing = all.iter().map(|&to| (to, message(rank, to, length))).collect();
+            let expected: Vec<_> = all.iter().map(|&from| message(from, rank, length)).collect();
+            assert_eq!(world.exchange(outgoing, &all), expected);
+            let own = message(rank, 0, length);
+            assert_eq!(world.gather_all(&own), all.iter().map(|&from| message(from, 0, length)).collect::<Vec<_>>());
+            assert_eq!(world.of_first(own), message(0, 0, length));
+            let mut sum = vec![rank as f64 + 0.5; length];
+            world.sum(&mut sum);
+            assert_eq!(sum, vec![4.5; length]);
+        }
+        // Along a line, where the first and the last have one neighbour, in two messages.
+        let neighbors = [rank.checked_sub(1), Some(rank + 1).filter(|&next| next < ranks)];
+        let neighbors: Vec<usize> = neighbors.into_iter().flatten().flat_map(|it| [it, it]).collect();
+        let before = world.sent();
+        let outgoing = neighbors.iter().enumerate().map(|(number, &to)| (to, vec![(number % 2) as f64; 7])).collect();
+        let received = world.exchange(outgoing, &neighbors);
+        assert!(received.iter().enumerate().all(|(number, values)| *values == [(number % 2) as f64; 7]));
+        let (messages, bytes) = (neighbors.len() as u64, neighbors.len() as u64 * 56);
+        assert_eq!(world.sent(), Sent { messages: before.messages + messages, bytes: before.bytes + bytes });
+    }
+
+    /// It launches itself on three ranks.
+    #[test]
+    fn ranks_exchange_messages_of_all_lengths() {
+        if std::env::var_os("OMPI_COMM_WORLD_RANK").is_some() {
+            let (_universe, _) = mpi::initialize_with_threading(mpi::Threading::Serialized).unwrap();
+            return check(&World::new());
+        }
+        let name = "ranks::world::tests::ranks_exchange_messages_of_all_lengths";
+        let mut mpirun = Command::new("mpirun");
+        mpirun.args(["-n", "3", "--oversubscribe"]).arg(std::env::current_exe().unwrap()).args([name, "--exact"]);
+        mpirun.env("OMPI_ALLOW_RUN_AS_ROOT", "1").env("OMPI_ALLOW_RUN_AS_ROOT_CONFIRM", "1");
+        let output = mpirun.output().expect("mpirun is on the PATH");
+        let said = [output.stdout, output.stderr].map(|bytes| String::from_utf8_lossy(&bytes).into_owned());
+        assert!(output.status.success() && said[0].matches("1 passed").count() == 3, "{said:?}");
+    }
+}

@@ -92,9 +92,9 @@ fn a_run_goes_on_after_a_process_has_died() {
         wait_for_checkpoint(&here.join(out));
         running
     };
-    let mut resume_on_two = launcher(here, 2, &["resume", "killed/small", "--quiet"]);
+    let mut resume_on_two = launcher(here, 2, &["resume", "killed/small", "--quiet", "--threads", "1"]);
     let mut resume_alone = Command::new(env!("CARGO_BIN_EXE_isobar"));
-    resume_alone.args(["resume", "asked/small", "--quiet"]).current_dir(here);
+    resume_alone.args(["resume", "asked/small", "--quiet", "--threads", "1"]).current_dir(here);
     run_alone(here, "alone");
     let mut killed = begin("killed");
     let worker = process_of(&killed, 2).expect("rank 2 is a child of the launcher");
