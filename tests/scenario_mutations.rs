@@ -86,6 +86,7 @@ fn summary(h: f64) -> Summary {
         version: "0".into(),
         observations: Default::default(),
         methods: [("free".to_string(), scores.clone()), ("fkf".to_string(), scores)].into(),
+        ranks: None,
     }
 }
 

@@ -138,6 +138,14 @@ impl<M: ?Sized> Problem<M> {
         }
     }
 
+    /// Which part of what is divided among ranks this one has: all, if there are no others.
+    pub(crate) fn share(&self) -> f64
+    where
+        M: Model,
+    {
+        self.model.in_bands().map_or(1.0, |model| 1.0 / model.bands().communicator().ranks() as f64)
+    }
+
     /// Fails if the numbers in double precision that `what` has to hold at one time need more memory than is allowed.
     /// They are counted as a float, which does not overflow.
     ///

@@ -137,6 +137,7 @@ mod tests {
             version: String::new(),
             observations: Default::default(),
             methods: scenario.methods.keys().map(|name| (name.clone(), scores.clone())).collect(),
+            ranks: None,
         }
     }
 

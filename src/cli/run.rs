@@ -7,10 +7,12 @@ use super::shown::Shown;
 use super::write_back::{self, name_database, write_sensors};
 use super::{long, lookup, seeds};
 use crate::interrupt;
+use crate::memory;
 use crate::options::{CheckpointPolicy, RunOptions};
 use crate::progress::Progress;
 use crate::run::experiment::check_sensors;
 use crate::scenario::Scenario;
+use crate::scores::Exchanged;
 use crate::shell::command;
 use crate::tables;
 use crate::text::{listed, shown_path};
@@ -86,6 +88,10 @@ pub(super) fn run_one(
             let scores = tables::scores::on_terminal(&summary, variables, width());
             print(&format!("{}: {}\n\n{scores}\n", scenario.name, scenario.title))?;
             print(&format!("Files: {}\n", shown_path(&options.out)))?;
+            if let Some(Exchanged { count, messages_per_cycle, bytes_per_cycle }) = summary.ranks {
+                let (messages, bytes) = (messages_per_cycle.round(), memory::in_words(bytes_per_cycle));
+                print(&format!("Ranks: {count}, each of which sends up to {messages} messages with {bytes} in a cycle\n"))?;
+            }
             of_sensors.map_or(Ok(()), |text| print(&text))?;
         }
         Shown::Collected(runs) => runs.push(json!({

@@ -184,6 +184,7 @@ mod tests {
                 version: crate::VERSION.into(),
                 observations: Default::default(),
                 methods: scenario.methods.keys().map(|name| (name.clone(), scores.clone())).collect(),
+                ranks: None,
             })
         }
     }

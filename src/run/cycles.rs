@@ -15,12 +15,12 @@ use crate::correlations::Correlations;
 use crate::event::{Analysed, Estimated, Event, Forecast, Judged, RunInfo, Smoothed};
 use crate::outcome::Outcome;
 use crate::scores::forecast::{self, Verifying};
-use crate::scores::{Failure, Outlook, RunScores, Scorecard, Summary, TrueValues, WarningCase, measures};
+use crate::scores::{Exchanged, Failure, Outlook, RunScores, Scorecard, Summary, TrueValues, WarningCase, measures};
 use crate::text::clean;
 use crate::threshold_warning::PlacedWarning;
 use crate::verdict::Verdict;
 use isobar_assim::Estimate;
-use isobar_model::communicator::Communicator;
+use isobar_model::communicator::{Communicator, Sent};
 use isobar_obs::ObservationWindow;
 use rayon::ThreadPool;
 use std::borrow::Cow;
@@ -78,7 +78,7 @@ impl Cycles<'_, '_> {
         if done == self.experiment.info.done {
             self.send_truth(done)?;
         }
-        let mut results = Results::default();
+        let (mut results, sent_before) = (Results::default(), self.communicator.sent());
         for cycle in done + 1..=cycles {
             let observed = self.observe(cycle)?;
             for number in 0..self.experiment.methods.len() {
@@ -106,7 +106,8 @@ impl Cycles<'_, '_> {
                 return Err(RunError::Interrupted { cycle, cycles });
             }
         }
-        Ok(summary(self.experiment, &self.scores, self.shown.memory))
+        let ranks = exchanged(self.communicator, sent_before, cycles - done);
+        Ok(summary(self.experiment, &self.scores, self.shown.memory, ranks))
     }
 
     fn send_truth(&mut self, cycle: usize) -> Result<(), RunError> {
@@ -316,6 +317,19 @@ impl Cycles<'_, '_> {
         }
         Ok(())
     }
+}
+
+/// What the ranks have sent in some cycles, given what this one had sent before; `None` if there is one rank.
+fn exchanged(communicator: &dyn Communicator, before: Sent, cycles: usize) -> Option<Exchanged> {
+    let count = communicator.ranks();
+    if count == 1 {
+        return None;
+    }
+    let Sent { messages, bytes } = communicator.sent();
+    let own = [messages - before.messages, bytes - before.bytes].map(|sent| sent as f64 / cycles.max(1) as f64);
+    let of_ranks = communicator.gather_all(&own);
+    let most = |number: usize| of_ranks.iter().map(|of_rank| of_rank[number]).fold(0.0, f64::max);
+    Some(Exchanged { count, messages_per_cycle: most(0), bytes_per_cycle: most(1) })
 }
 
 /// Ends a run of several ranks with a panic: the others may wait for what this one was to send.

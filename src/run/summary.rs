@@ -2,10 +2,15 @@
 
 use super::cost::with_cost;
 use super::experiment::Experiment;
-use crate::scores::{MethodScores, RunScores, Scorecard, Summary, VerifiedBy};
+use crate::scores::{Exchanged, MethodScores, RunScores, Scorecard, Summary, VerifiedBy};
 
-/// The scores of a run; `with_memory`: also the memory of each method.
-pub(super) fn summary(experiment: &Experiment, scores: &RunScores, with_memory: bool) -> Summary {
+/// The scores of a run, with what its ranks exchanged; `with_memory`: also the memory of each method.
+pub(super) fn summary(
+    experiment: &Experiment,
+    scores: &RunScores,
+    with_memory: bool,
+    ranks: Option<Exchanged>,
+) -> Summary {
     let Experiment { info, methods, .. } = experiment;
     let by = VerifiedBy::in_world(info.has_truth, info.networks.iter().any(|network| network.has_passive));
     let forecasts = |total: &Scorecard| total.forecasts.scores(&info.layout, info.window, by);
@@ -42,5 +47,6 @@ pub(super) fn summary(experiment: &Experiment, scores: &RunScores, with_memory: 
         version: crate::VERSION.to_string(),
         observations: scores.observations.clone(),
         methods: methods.collect(),
+        ranks,
     }
 }

@@ -154,6 +154,7 @@ mod tests {
             version: "0".into(),
             observations: Default::default(),
             methods: [("free".to_string(), free), ("filter".to_string(), filter)].into(),
+            ranks: None,
         }
     }
 

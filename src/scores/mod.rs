@@ -35,7 +35,7 @@ pub use forecast::{ForecastScores, VerifiedBy};
 pub use kinds::{Better, Line, Part, SCORES, ScoreKind, Unit, kind};
 pub use score::Score;
 pub use scorecard::{RunScores, Scorecard};
-pub use summary::{Failure, MethodScores, ObservationCounts, RejectedObservation, Summary, TypeCounts};
+pub use summary::{Exchanged, Failure, MethodScores, ObservationCounts, RejectedObservation, Summary, TypeCounts};
 pub use truths::{EarlierTruths, TrueValues};
 pub use warnings::{Outlook, WarningCase, WarningScores};
 

@@ -34,6 +34,20 @@ pub struct Summary {
     pub observations: ObservationCounts,
     /// Scores by method.
     pub methods: IndexMap<String, MethodScores>,
+    /// What the ranks exchanged, if several computed it together.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ranks: Option<Exchanged>,
+}
+
+/// What the ranks of a run exchange.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Exchanged {
+    /// Number of ranks.
+    pub count: usize,
+    /// Messages that a rank sends in a cycle, of the rank that sends most.
+    pub messages_per_cycle: f64,
+    /// Their bytes.
+    pub bytes_per_cycle: f64,
 }
 
 /// The scores of one method over a run.

@@ -171,6 +171,7 @@ mod tests {
             version: "0".into(),
             observations: Default::default(),
             methods: [("free".to_string(), of(free)), ("a-method-with-a-long-name".to_string(), of(filter))].into(),
+            ranks: None,
         }
     }
 

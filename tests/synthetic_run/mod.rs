@@ -68,6 +68,7 @@ impl SyntheticRun {
             version: "0.1.0".into(),
             observations: Default::default(),
             methods: (0..methods).map(|method| (info.methods[method].name.clone(), last(method))).collect(),
+            ranks: None,
         };
         Self { info, truth, true_calibration, windows, values_bias_removed, results, summary }
     }

@@ -113,7 +113,7 @@ fn require_memory(
     let [size, parameters, columns, n] = [rows, p, members, observations].map(|size| size as f64);
     // The newest analysis is kept as well.
     let ensembles = lag.map_or(0.0, |lag| lag as f64 + 1.0) + if asynchronous { 1.0 } else { 0.0 };
-    let numbers = (4.0 + ensembles) * size * columns
+    let numbers = (4.0 + ensembles) * size * columns * problem.share()
         + 2.0 * parameters * parameters
         + 3.0 * n * columns
         + analysis.numbers(problem, columns, n, lag.unwrap_or(0));

@@ -50,6 +50,7 @@ impl Ensemble {
         let mut mean = bands.own_part(problem.background.values());
         let (m, p, members) = (mean.len(), calibration.len(), settings.members);
         check(settings.initial_members, p, members)?;
+        // `m` is that of this rank.
         let numbers = 4.0 * (m + p) as f64 * members as f64 + exact_sampling(settings.initial_members, members);
         problem.require_memory(numbers, || format!("an ensemble of {members} members of {} unknowns", m + p))?;
         let prior = Mat::from_fn(p, p, |i, j| calibration.prior_covariance(i, j));

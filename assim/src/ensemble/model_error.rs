@@ -107,7 +107,8 @@ impl<'a> Span<'a> {
         let dual = product(self.scaled.as_ref(), self.inverse.as_ref());
         let rank = dual.ncols();
         let unscaled = |j: usize| dual.col_as_slice(j).iter().zip(&self.scales).map(|(value, scale)| value / scale);
-        let states = self.bands.collect((0..rank).map(|j| unscaled(j).take(m).collect()).collect());
+        let states: Vec<_> = (0..rank).map(|j| unscaled(j).take(m).collect::<Vec<_>>().into()).collect();
+        let states = self.bands.collect(&states);
         let multiply = |state: &Vec<f64>| match self.problem.model_error.as_deref() {
             Some(model_error) => covariance::multiply(model_error, state),
             None => vec![0.0; state.len()],

@@ -97,8 +97,9 @@ impl TallMatrix {
         let together = bands.communicator().of_first(vec![together as f64])[0] as usize;
         for first in columns.clone().step_by(together) {
             let columns = first..columns.end.min(first + together);
-            let parts = columns.clone().map(|column| self.own_column(column).into_owned()).collect();
-            let mut whole = bands.collect(parts);
+            let parts: Vec<_> = columns.clone().map(|column| self.own_column(column)).collect();
+            let mut whole = bands.collect(&parts);
+            drop(parts);
             work(&mut whole);
             for (column, part) in columns.zip(bands.deal(whole)) {
                 self.edit_own_column(column, |own| own.copy_from_slice(&part));

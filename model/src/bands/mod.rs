@@ -8,6 +8,7 @@ pub use model::BandedModel;
 
 use crate::communicator::{Alone, Communicator};
 use crate::grid::Grid;
+use std::borrow::Cow;
 use std::fmt::{self, Debug, Formatter};
 use std::ops::Range;
 use std::sync::Arc;
@@ -68,8 +69,7 @@ impl Bands {
 
     /// The cells of this rank, which lie one after another.
     pub fn own_cells(&self) -> Range<usize> {
-        let Range { start, end } = self.own();
-        start * self.grid.nx..end * self.grid.nx
+        self.cells_of(self.communicator.rank())
     }
 
     /// The rank of a row.
@@ -85,8 +85,27 @@ impl Bands {
     }
 
     fn part_of(&self, rank: usize, whole: &[f64]) -> Vec<f64> {
+        let mut part = Vec::with_capacity(whole.len() / self.grid.ny * self.of_rank(rank).len());
+        self.append_part(rank, whole, &mut part);
+        part
+    }
+
+    /// The cells of a rank, which lie one after another.
+    fn cells_of(&self, rank: usize) -> Range<usize> {
         let Range { start, end } = self.of_rank(rank);
-        self.grid.take_rows(&(start as isize..end as isize), whole)
+        start * self.grid.nx..end * self.grid.nx
+    }
+
+    fn append_part(&self, rank: usize, whole: &[f64], part: &mut Vec<f64>) {
+        whole.chunks_exact(self.grid.cells()).for_each(|field| part.extend_from_slice(&field[self.cells_of(rank)]));
+    }
+
+    /// Puts the part of a rank where it is in the whole.
+    fn place(&self, rank: usize, part: &[f64], whole: &mut [f64]) {
+        let cells = self.cells_of(rank);
+        for (field, part) in whole.chunks_exact_mut(self.grid.cells()).zip(part.chunks_exact(cells.len())) {
+            field[cells.clone()].copy_from_slice(part);
+        }
     }
 
     /// All rows of fields of which each rank has its part, on all ranks. Collective.
@@ -112,13 +131,7 @@ impl Bands {
     /// The whole fields of the parts of all ranks.
     fn join(&self, fields: usize, parts: &[Vec<f64>]) -> Vec<f64> {
         let mut whole = vec![0.0; fields * self.grid.cells()];
-        for (rank, part) in parts.iter().enumerate() {
-            let Range { start, end } = self.of_rank(rank);
-            let (first, cells) = (start * self.grid.nx, (end - start) * self.grid.nx);
-            for (field, part) in whole.chunks_exact_mut(self.grid.cells()).zip(part.chunks_exact(cells)) {
-                field[first..first + cells].copy_from_slice(part);
-            }
-        }
+        parts.iter().enumerate().for_each(|(rank, part)| self.place(rank, part, &mut whole));
         whole
     }
 
@@ -134,21 +147,22 @@ impl Bands {
 
     /// The whole columns of this rank's share, of columns of which each rank has its part: the inverse of [`Bands::deal`].
     /// Collective.
-    pub fn collect(&self, parts: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
+    pub fn collect(&self, parts: &[Cow<'_, [f64]>]) -> Vec<Vec<f64>> {
         if self.is_whole() {
-            return parts;
+            return parts.iter().map(|part| part.to_vec()).collect();
         }
         let ranks: Vec<usize> = (0..self.communicator.ranks()).collect();
         let to = |&rank: &usize| (rank, parts[self.share_of(rank, parts.len())].concat());
         let received = self.communicator.exchange(ranks.iter().map(to).collect(), &ranks);
-        let count = self.share(parts.len()).len();
-        let column = |number: usize| {
-            let of_rank =
-                |values: &Vec<f64>| values.chunks_exact(values.len() / count).nth(number).map(<[f64]>::to_vec);
-            let parts: Vec<Vec<f64>> = received.iter().filter_map(of_rank).collect();
-            self.join(parts[0].len() / self.of_rank(0).len() / self.grid.nx, &parts)
-        };
-        (0..count).map(column).collect()
+        let fields = parts.first().map_or(0, |part| part.len() / self.own_cells().len());
+        let mut columns = vec![vec![0.0; fields * self.grid.cells()]; self.share(parts.len()).len()];
+        for (rank, values) in received.iter().enumerate() {
+            let part_len = fields * self.of_rank(rank).len() * self.grid.nx;
+            for (column, part) in columns.iter_mut().zip(values.chunks_exact(part_len.max(1))) {
+                self.place(rank, part, column);
+            }
+        }
+        columns
     }
 
     /// Columns `[field, y, x]` that each rank has made whole, `own` of them here, as parts of all columns: those of rank 0, then
@@ -157,12 +171,16 @@ impl Bands {
         if self.is_whole() {
             return own;
         }
-        let ranks = self.communicator.ranks();
-        let to = |rank: usize| own.iter().flat_map(|column| self.part_of(rank, column)).collect();
-        let outgoing = (0..ranks).map(|rank| (rank, to(rank))).collect();
+        let ranks: Vec<usize> = (0..self.communicator.ranks()).collect();
+        let to = |&rank: &usize| {
+            let mut values =
+                Vec::with_capacity(own.iter().map(Vec::len).sum::<usize>() / self.grid.ny * self.of_rank(rank).len());
+            own.iter().for_each(|column| self.append_part(rank, column, &mut values));
+            (rank, values)
+        };
+        let outgoing = ranks.iter().map(to).collect();
         let counts = self.communicator.gather_all(&[own.len() as f64]);
-        let sources: Vec<usize> = (0..ranks).collect();
-        let received = self.communicator.exchange(outgoing, &sources);
+        let received = self.communicator.exchange(outgoing, &ranks);
         let of_rank = |(values, count): (Vec<f64>, Vec<f64>)| match values.len().checked_div(count[0] as usize) {
             Some(len) => values.chunks_exact(len).map(<[f64]>::to_vec).collect(),
             None => Vec::new(),
@@ -196,8 +214,8 @@ mod tests {
                 let first = bands.gather_to_first(own.clone());
                 assert_eq!(first, if rank == 0 { whole.clone() } else { Vec::new() });
                 assert_eq!(bands.gather(own), whole);
-                let parts = columns.iter().map(|column| bands.own_part(column)).collect();
-                assert_eq!(bands.collect(parts), columns[bands.share(columns.len())]);
+                let parts: Vec<_> = columns.iter().map(|column| bands.own_part(column).into()).collect();
+                assert_eq!(bands.collect(&parts), columns[bands.share(columns.len())]);
                 // Column j is made by rank j modulo the number of ranks.
                 let made = |rank: usize| columns.iter().skip(rank).step_by(ranks);
                 let dealt = bands.deal(made(rank).cloned().collect());

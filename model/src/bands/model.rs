@@ -16,7 +16,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 /// Columns whose rows travel in one message: many for few messages, few for the memory that they take with the rows beside them.
-const TOGETHER: usize = 64;
+const TOGETHER: usize = 32;
 
 /// A model that several ranks integrate together.
 ///

@@ -162,6 +162,7 @@ mod tests {
             version: "0".into(),
             observations: Default::default(),
             methods: methods.iter().map(|&(name, h)| (name.to_string(), scores(h))).collect(),
+            ranks: None,
         }
     }
 

@@ -205,7 +205,7 @@ impl BlockErrors {
         let blocks = Blocks::new(&layout, settings.blocks, &local_cells);
         let bands = problem.bands();
         settings.check_bands(&bands, problem)?;
-        settings.check(layout.len(), &blocks, shared.len(), problem.memory_limit_bytes)?;
+        settings.check(layout.len(), &blocks, shared.len(), problem.memory_limit_bytes, problem.share())?;
         let sigma_prior = |number: usize| calibration.parameters[number].sigma_prior;
         let (m, p) = (layout.len(), shared.len());
         let mut scales = covariance::middle_deviations(&*problem.background_error, &layout);

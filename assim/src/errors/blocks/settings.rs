@@ -81,11 +81,19 @@ impl FastKalmanSettings {
         }
     }
 
-    /// Fails if they make no sense for a state of `m` values, or need more memory than the limit.
+    /// Fails if they make no sense for a state of `m` values, or need more memory than the limit where a rank has this share of the
+    /// factors' rows.
     ///
     /// # Errors
     /// [`Error::Setting`], [`Error::TooLarge`].
-    pub(super) fn check(self, m: usize, blocks: &Blocks, shared: usize, limit_bytes: u64) -> Result<(), Error> {
+    pub(super) fn check(
+        &self,
+        m: usize,
+        blocks: &Blocks,
+        shared: usize,
+        limit_bytes: u64,
+        share: f64,
+    ) -> Result<(), Error> {
         let (m, b, r) = (m as u64, blocks.variables() as u64, self.factors as u64);
         if r > b {
             return Err(Error::Setting(format!("{r} common factors are more than the {b} variables they describe")));
@@ -100,8 +108,8 @@ impl FastKalmanSettings {
         }
         let extra = (self.residual.probes() as u64).max(covariance::OVERSAMPLING as u64);
         // The blocks, those of Q and their roots; the factors with the probes, and the factors of Q.
-        let mut needed_bytes =
-            8 * 3 * blocks.matrices_len() as u64 + self.factor_precision.bytes() * b * (2 * r + shared as u64 + extra);
+        let factors = self.factor_precision.bytes() * b * (2 * r + shared as u64 + extra);
+        let mut needed_bytes = 8 * 3 * blocks.matrices_len() as u64 + (factors as f64 * share) as u64;
         if self.residual == Residual::Exact {
             // The propagator A, and A C as products and as a whole.
             needed_bytes += 8 * (m * m + 2 * m * b);

@@ -176,6 +176,7 @@ impl LocalFastKalmanFilter {
 
 impl LocalErrors {
     fn new(problem: &Problem<dyn TangentLinear>, settings: LocalFactorSettings) -> Result<Self, Error> {
+        problem.require_one_rank("a Fast Kalman Filter with local factors")?;
         let layout = problem.background.layout().clone();
         let calibration = problem.estimated_calibration();
         let ByPlacement { shared, local } = calibration.by_placement();
