@@ -90,6 +90,52 @@ fn several_ranks_compute_the_run_of_one_process() {
     assert_eq!(files(parent.path()).len(), 3, "something was left");
 }
 
+/// A jet with biased instruments, one on a doubly periodic plane, and the scenario of three million variables with 256 times fewer cells.
+#[test]
+fn shipped_scenarios_have_the_scores_of_one_process_on_1_to_4_ranks() {
+    let parent = tempfile::tempdir().unwrap();
+    let small = |text: String| {
+        let smaller = [
+            ("nx = 1024\nny = 1024\ndx_km = 5", "nx = 64\nny = 64\ndx_km = 80"),
+            ("time_step_s = 40", "time_step_s = 450"),
+            ("hyperdiffusion_m4_per_s = 5e9", "hyperdiffusion_m4_per_s = 3e14"),
+            ("random = 6000", "random = 60"),
+            (
+                "scan_positions = 300\nalong_track_spacing_km = 15.3",
+                "scan_positions = 19\nalong_track_spacing_km = 245",
+            ),
+        ];
+        smaller.iter().fold(text, |text, (from, to)| {
+            assert!(text.contains(from), "{from}");
+            text.replace(from, to)
+        })
+    };
+    for (name, methods, cycles) in
+        [("quickstart", "free,fkf", 10), ("fkf_nonlinear", "letkf,fkf_r40", 22), ("million", "free,fkf", 4)]
+    {
+        let path = Path::new("scenarios").join(name).with_extension("toml");
+        let text = std::fs::read_to_string(&path).unwrap();
+        let scenario = Scenario::parse(&path, &if name == "million" { small(text) } else { text }).unwrap();
+        let options = |out: &Path| RunOptions {
+            methods: Some(methods.split(',').map(str::to_string).collect()),
+            cycles: Some(cycles),
+            outputs: Outputs::of([]),
+            checkpoints: None,
+            ..options(out)
+        };
+        let alone = run(&scenario, &options(&parent.path().join("alone").join(name)), &mut EndIn(None)).unwrap();
+        for ranks in 1..=4 {
+            let out = parent.path().join(ranks.to_string()).join(name);
+            for summary in shared(&scenario, ranks, None, |_| options(&out)) {
+                let summary = summary.unwrap();
+                assert_near(&alone, &summary);
+                assert_eq!(summary.ranks.map(|it| it.count), (ranks > 1).then_some(ranks));
+                assert!(summary.ranks.is_none_or(|it| it.messages_per_cycle > 1.0 && it.bytes_per_cycle > 1e3));
+            }
+        }
+    }
+}
+
 /// Interrupted on three ranks, it goes on on two, and on one; interrupted on one, on three.
 #[test]
 fn an_interrupted_run_goes_on_on_any_number_of_ranks() {

@@ -5,6 +5,7 @@
 mod common;
 
 mod shared;
+mod speed;
 
 use common::{VALID, isobar, text};
 use serde_json::Value;

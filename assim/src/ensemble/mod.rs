@@ -5,7 +5,8 @@
 //! | `cycle` | what the methods share but for their analyses |
 //! | `filter` | such a cycle with an analysis is a method |
 //! | `moments` | their mean and perturbations |
-//! | `members` | [`Ensemble`]: the members, their draw, forecast and observation |
+//! | `members` | [`Ensemble`]: the members, their forecast and their moments |
+//! | `draws` | the first members, and draws of which each rank makes its share |
 //! | `model_error` | what a cycle adds to the members: draws of Q, or the square root that has no sampling error |
 //! | `transform` | the analysis in the space of the ensemble |
 //! | `principal` | its directions where some observations are far more accurate than others |
@@ -30,6 +31,7 @@ mod band;
 mod batch;
 mod buckets;
 mod cycle;
+mod draws;
 mod etkf;
 mod filter;
 mod fixed_lag;

@@ -1,7 +1,7 @@
 //! What a cycle adds to the members: model error and the drift of the biases.
 
 use super::ModelErrorTreatment;
-use super::members::draw_parts;
+use super::draws::draw_parts;
 use super::moments::{spread, variable_scales};
 use crate::covariance;
 use crate::linalg::{add_product, add_symmetric_product, eigen, product};
