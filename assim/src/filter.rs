@@ -256,7 +256,7 @@ impl<E: Errors> Assimilator for Filter<E> {
 
     fn can(&self) -> Views<'_> {
         let errors = &self.belief.errors;
-        // Columns of which a rank has its part are no answer to these.
+        // A rank has only its part of a column, which is no answer to these.
         let is_whole = self.model.in_bands().is_none();
         Views {
             joint_errors: is_whole.then_some(self as &dyn JointErrors),

@@ -32,7 +32,7 @@ impl World {
         Self { rank: world.rank() as usize, ranks: world.size() as usize, sent: Mutex::default() }
     }
 
-    /// Takes the turn to call MPI, for so many messages to other ranks, with so many numbers in all.
+    /// Takes the turn to call MPI, for a number of messages to other ranks, with a number of values in all.
     fn turn(&self, messages: usize, numbers: usize) -> MutexGuard<'_, Sent> {
         let mut sent = self.sent.lock().unwrap_or_else(PoisonError::into_inner);
         sent.messages += messages as u64;

@@ -166,7 +166,7 @@ impl<A: EnsembleAnalysis> Assimilator for EnsembleFilter<A> {
     }
 
     fn can(&self) -> Views<'_> {
-        // Columns of which a rank has its part are no answer to these.
+        // A rank has only its part of a column, which is no answer to these.
         let is_whole = self.cycle.bands.is_whole();
         Views {
             joint_errors: is_whole.then_some(self as &dyn JointErrors),

@@ -20,8 +20,7 @@ use serde::{Deserialize, Serialize};
 
 /// N members of the augmented state (x, c), each a column of m + p values; p is zero where biases are not estimated.
 ///
-/// Where several ranks compute a run, each has the state's values in its band of rows, of which m is the number then, and all
-/// parameters.
+/// Where several ranks compute a run, each has the m values of the state in its band of rows, and all parameters.
 #[derive(Clone, Serialize, Deserialize)]
 pub struct Ensemble {
     /// m.
@@ -268,7 +267,7 @@ impl Ensemble {
         (state, calibration)
     }
 
-    /// State and full calibration of a member of which this rank has all.
+    /// State and full calibration of a whole member.
     pub(super) fn unpack_member(&self, problem: &Problem<dyn Model>, member: &[f64]) -> (State, Vec<f64>) {
         let (state, parameters) = member.split_at(self.state_values);
         self.unpack(problem, state.to_vec(), parameters)

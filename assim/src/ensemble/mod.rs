@@ -6,7 +6,7 @@
 //! | `filter` | such a cycle with an analysis is a method |
 //! | `moments` | their mean and perturbations |
 //! | `members` | [`Ensemble`]: the members, their forecast and their moments |
-//! | `draws` | the first members, and draws of which each rank makes its share |
+//! | `draws` | the first members; draws, a share of them on each rank |
 //! | `model_error` | what a cycle adds to the members: draws of Q, or the square root that has no sampling error |
 //! | `transform` | the analysis in the space of the ensemble |
 //! | `principal` | its directions where some observations are far more accurate than others |

@@ -134,7 +134,7 @@ impl<'a> Span<'a> {
     }
 }
 
-/// Aᵀ B of columns of which this rank has its rows of the state, and all those of the parameters, which are the last.
+/// Aᵀ B. Of the rows of the state this rank has its part; those of the parameters, the last ones, are on all ranks.
 fn inner_products(bands: &Bands, parameters: usize, a: &Mat<f64>, b: &Mat<f64>) -> Mat<f64> {
     let rows = if bands.communicator().rank() == 0 { a.nrows() } else { a.nrows() - parameters };
     let own = product(a.as_ref().get(..rows, ..).transpose(), b.as_ref().get(..rows, ..));

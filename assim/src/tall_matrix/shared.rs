@@ -7,7 +7,7 @@ use std::borrow::Cow;
 use std::ops::Range;
 
 impl TallMatrix {
-    /// Zeros, `[rows, columns]`, where columns are states of the grid of the bands, of which this rank has its rows.
+    /// This rank's rows of zeros, `[rows, columns]`, where columns are states of the bands' grid.
     pub fn zeros_in(bands: &Bands, rows: usize, columns: usize, precision: Precision) -> Self {
         if bands.is_whole() {
             return Self::zeros(rows, columns, precision);
@@ -76,7 +76,7 @@ impl TallMatrix {
         self.edit_own_column(column, |own| own.copy_from_slice(&bands.own_part(&whole)));
     }
 
-    /// Sets a column to values of which every rank has all.
+    /// Sets a column to values that every rank has in full.
     pub fn set_column(&mut self, column: usize, values: &[f64]) {
         let part = self.own_part(values);
         self.edit_own_column(column, |own| own.copy_from_slice(&part));

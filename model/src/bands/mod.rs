@@ -108,7 +108,7 @@ impl Bands {
         }
     }
 
-    /// All rows of fields of which each rank has its part, on all ranks. Collective.
+    /// Whole fields on all ranks, from the part that each has. Collective.
     pub fn gather(&self, own: Vec<f64>) -> Vec<f64> {
         if self.is_whole() {
             return own;
@@ -116,7 +116,7 @@ impl Bands {
         self.join(own.len() / self.own_cells().len(), &self.communicator.gather_all(&own))
     }
 
-    /// All rows of fields of which each rank has its part, on rank 0; nothing on the others. Collective.
+    /// Whole fields on rank 0, from the part that each rank has; nothing on the others. Collective.
     pub fn gather_to_first(&self, own: Vec<f64>) -> Vec<f64> {
         if self.is_whole() {
             return own;
@@ -145,7 +145,7 @@ impl Bands {
         rank * columns / ranks..(rank + 1) * columns / ranks
     }
 
-    /// The whole columns of this rank's share, of columns of which each rank has its part: the inverse of [`Bands::deal`].
+    /// The whole columns of this rank's share, from the part of each column that each rank has: the inverse of [`Bands::deal`].
     /// Collective.
     pub fn collect(&self, parts: &[Cow<'_, [f64]>]) -> Vec<Vec<f64>> {
         if self.is_whole() {

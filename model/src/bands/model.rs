@@ -54,7 +54,7 @@ impl BandedModel {
         &self.bands
     }
 
-    /// Advances states of which this rank has its rows, `[variable, own y, x]` each, all valid at the same time. Collective.
+    /// Advances this rank's parts of states, `[variable, own y, x]` each, all valid at the same time. Collective.
     ///
     /// # Errors
     /// As [`forecast::forecast`], for the first state that fails on any rank.
@@ -80,8 +80,8 @@ impl BandedModel {
         Ok(())
     }
 
-    /// Advances increments of which this rank has its rows, `[variable, own y, x]` one after another, along the trajectory from a
-    /// whole state. Collective.
+    /// Advances this rank's parts of increments, `[variable, own y, x]` one after another, along the trajectory from a whole state.
+    /// Collective.
     ///
     /// # Errors
     /// [`ForecastError::OnRank`] if one is not finite at the end.

@@ -91,7 +91,7 @@ pub struct ShallowWater {
     parameters: ShallowWaterParameters,
     form: VectorInvariant,
     halo: Halo,
-    /// The row, counted like the others, at which f = f0: in the middle of the domain, of which the grid may be some rows.
+    /// The row, counted like the others, at which f = f0: in the middle of the whole domain, also where the grid is some of its rows.
     middle_row: f64,
     /// f at the corners, padded.
     coriolis: Vec<f64>,

@@ -175,7 +175,7 @@ impl CoarseGrid {
         Ok(())
     }
 
-    /// Time steps of this model in a window of so many steps of the state's.
+    /// Time steps of this model in a window that has `steps` of the state's.
     fn steps_of(&self, window: Duration, steps: usize) -> Result<usize, Error> {
         window.steps_of(self.model.time_step()).filter(|&coarse| coarse <= steps).ok_or_else(|| {
             let step = self.model.time_step();

@@ -94,7 +94,7 @@ impl Factors {
         self.state.columns()
     }
 
-    /// Entry of a block variable; zero if it is on another rank, of which the first has those of parameters.
+    /// Entry of a block variable as it counts in a sum over the ranks: zero unless this rank has it. Those of parameters are rank 0's.
     pub fn value(&self, variable: usize, column: usize) -> f64 {
         match variable.checked_sub(self.state.rows()) {
             None => self.state.value(variable, column),
