@@ -116,6 +116,8 @@ fn the_fast_kalman_filter_is_the_same_on_several_ranks() {
     check("fkf", &fast(settings), 1e-10);
     let separated = FastKalmanSettings { largest_component: 6, separator_factors: 500, ..settings };
     check("fkf with separators", &fast(separated), 1e-10);
+    let nested = FastKalmanSettings { separator_factors: 0, ..separated };
+    check("fkf with a nested elimination", &fast(nested), 1e-10);
     let energetic = FastKalmanSettings { retained_energy: 0.999, residual: Residual::Persist, ..settings };
     check("fkf with few factors", &fast(energetic), 1e-10);
     let coarse = move |problem: Problem| -> Result<Box<dyn Assimilator>, Error> {

@@ -59,8 +59,8 @@ fn scores(path: &Path) -> Value {
     fn strip(value: &mut Value) {
         match value {
             Value::Object(entries) => {
-                for cost in ["seconds_per_cycle", "peak_memory_bytes", "schedule"] {
-                    entries.remove(cost);
+                for cost in ["seconds_per_cycle", "peak_memory_bytes", "schedule", "ranks"] {
+                    entries.shift_remove(cost);
                 }
                 entries.values_mut().for_each(strip);
             }

@@ -39,11 +39,6 @@ impl BlockErrors {
         let seen = seen_variables(rows, blocks.variables());
         let separation = Separation::new(blocks, settings.largest_component, &components, &touched, &seen);
         if separation.unknowns > settings.separator_factors || !self.fits(separation.unknowns) {
-            if self.factors().state.bands().is_some() {
-                let message = "observations link so many blocks that the elimination is nested, which several ranks cannot compute \
-                               together: allow more separator factors, or larger components";
-                return Err(Error::Setting(message.into()));
-            }
             let mut partition = self.report(&components, &Separation::default());
             let (solved, sizes) = self.update_nested(&components, rows, innovations, &seen, free)?;
             (partition.nested, partition.separators) = (true, sizes.separators);
