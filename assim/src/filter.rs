@@ -256,15 +256,15 @@ impl<E: Errors> Assimilator for Filter<E> {
 
     fn can(&self) -> Views<'_> {
         let errors = &self.belief.errors;
-        // A rank has only its part of a column, which is no answer to these.
+        // A rank has only its part of a column.
         let is_whole = self.model.in_bands().is_none();
         Views {
-            joint_errors: is_whole.then_some(self as &dyn JointErrors),
+            joint_errors: Some(self),
             root: errors.root().filter(|_| is_whole),
             calibration: (!self.calibration.is_empty()).then_some(self),
             smoother: errors.smoother().map(|_| self as &dyn Smoother),
             parameters: Some(self),
-            blocks: errors.blocks().filter(|_| is_whole).map(|_| self as &dyn BlockStructure),
+            blocks: errors.blocks().map(|_| self as &dyn BlockStructure),
         }
     }
 

@@ -7,7 +7,7 @@ use isobar_assim::ensemble::{
 };
 use isobar_assim::fast_kalman::{BiasCoupling, BlockShape, FastKalmanFilter, FastKalmanSettings, Precision, Residual};
 use isobar_assim::free::FreeRun;
-use isobar_assim::{Analysis, Assimilator, Error, Problem};
+use isobar_assim::{Analysis, Assimilator, CovarianceColumn, Error, Problem, Unknown};
 use isobar_model::testing::{ThreadRank, on_ranks};
 use isobar_model::{Adjoint, BandedModel, Location};
 use isobar_obs::ObservationWindow;
@@ -38,6 +38,9 @@ fn run(method: &mut dyn Assimilator, problem: &Problem, cycles: std::ops::RangeI
             // As it is asked after each cycle.
             calibration.calibration_accuracy();
         }
+        if let Some(blocks) = method.can().blocks {
+            blocks.structure(&observed(problem, cycle), 2);
+        }
         analysis
     };
     cycles.map(cycle).collect()
@@ -58,6 +61,13 @@ fn difference(found: &[Analysis], expected: &[Analysis]) -> f64 {
         estimate_difference(&found.estimate, &expected.estimate).max(chi2)
     };
     found.iter().zip(expected).map(of_cycle).fold(0.0, f64::max)
+}
+
+/// Covariances of a value in the first row, of one in the last, and of a parameter, of a method that has them.
+fn columns(method: &dyn Assimilator) -> Vec<f64> {
+    let asked = [Unknown::Value(5), Unknown::Value(3 * 144 - 2), Unknown::Parameter(1)];
+    let columns = asked.into_iter().filter_map(|unknown| column(method, unknown));
+    columns.flat_map(|CovarianceColumn { state, calibration, .. }| [state, calibration].concat()).collect()
 }
 
 /// The problem as a rank has it.
@@ -82,13 +92,16 @@ fn check(name: &str, build: &Build, tolerance: f64) {
             let analyses = run(&mut *method, &problem, 1..=CYCLES);
             let mut resumed = build(shared).unwrap();
             resumed.recall(&saved).unwrap();
-            (analyses, run(&mut *resumed, &problem, 3..=CYCLES), method.memory().unwrap())
+            let columns = columns(&*method);
+            (analyses, run(&mut *resumed, &problem, 3..=CYCLES), method.memory().unwrap(), columns)
         });
-        for (rank, (analyses, resumed, _)) in found.iter().enumerate() {
+        for (rank, (analyses, resumed, _, of_rank)) in found.iter().enumerate() {
             assert_eq!(analyses, &found[0].0, "{name}: rank {rank} of {ranks} decides as rank 0 does");
             let (whole, after) = (difference(analyses, &expected), difference(resumed, &expected[2..]));
             println!("{name}, rank {rank} of {ranks}: {whole:e}, resumed {after:e}");
             assert!(whole <= tolerance && after <= tolerance, "{name}, {rank} of {ranks}: {whole:e}, {after:e}");
+            let apart = relative_difference(of_rank, &columns(&*alone));
+            assert!(apart <= tolerance || of_rank.is_empty(), "{name}, {rank} of {ranks}: columns {apart:e}");
         }
         // What rank 0 saves is the memory of the whole.
         let mut continued = build(problem.clone()).unwrap();

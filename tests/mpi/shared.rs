@@ -24,7 +24,7 @@ fn run_alone(here: &Path, out: &str) {
     assert!(output.status.success(), "{}", text(&output.stderr));
 }
 
-/// Panics unless two summaries have the same scores but for rounding.
+/// Panics unless two summaries have the same scores but for rounding, which grows over hundreds of cycles.
 fn assert_near(one: &Value, other: &Value) {
     match (one, other) {
         (Value::Object(one), Value::Object(other)) => {
@@ -37,7 +37,7 @@ fn assert_near(one: &Value, other: &Value) {
         }
         (Value::Number(one), Value::Number(other)) => {
             let [one, other] = [one, other].map(|it| it.as_f64().unwrap());
-            assert!((one - other).abs() <= 1e-10 * one.abs().max(1e-3), "{one} and {other}");
+            assert!((one - other).abs() <= 1e-9 * one.abs().max(1e-3), "{one} and {other}");
         }
         _ => assert_eq!(one, other),
     }

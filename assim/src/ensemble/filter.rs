@@ -166,11 +166,10 @@ impl<A: EnsembleAnalysis> Assimilator for EnsembleFilter<A> {
     }
 
     fn can(&self) -> Views<'_> {
-        // A rank has only its part of a column, which is no answer to these.
-        let is_whole = self.cycle.bands.is_whole();
         Views {
-            joint_errors: is_whole.then_some(self as &dyn JointErrors),
-            root: is_whole.then_some(self as &dyn CovarianceRoot),
+            joint_errors: Some(self),
+            // A rank has only its part of a member.
+            root: self.cycle.bands.is_whole().then_some(self as &dyn CovarianceRoot),
             calibration: (self.ensemble().parameters() > 0).then_some(self as &dyn CalibrationErrors),
             smoother: self.cycle.memory.smoother.as_ref().map(|_| self as &dyn Smoother),
             ..Views::default()
@@ -186,13 +185,14 @@ impl<A: EnsembleAnalysis> Assimilator for EnsembleFilter<A> {
 impl<A> JointErrors for EnsembleFilter<A> {
     /// A column of the members' covariance X Xᵀ/(N − 1), without localisation.
     fn covariance_column(&self, unknown: Unknown) -> Option<CovarianceColumn> {
-        let m = self.cycle.state_values();
+        let EnsembleCycle { problem, bands, .. } = &self.cycle;
+        let m = problem.background.values().len();
         let number = match unknown {
             Unknown::Value(number) => number,
             Unknown::Parameter(number) => m + number,
         };
-        let column = self.ensemble().covariance_column(number)?;
-        Some(CovarianceColumn::of_augmented(column, m, &self.cycle.problem.calibration))
+        let column = self.ensemble().covariance_column(bands, number)?;
+        Some(CovarianceColumn::of_augmented(column, m, &problem.calibration))
     }
 }
 

@@ -68,15 +68,29 @@ impl Ensemble {
         size(self) == size(other)
     }
 
-    /// A column of the members' covariance, `[m + p]`; `None` if there is no such number.
-    pub(super) fn covariance_column(&self, number: usize) -> Option<Vec<f64>> {
+    /// A column of the members' covariance, of all rows of the state and the parameters; `None` if there is no such number.
+    pub(super) fn covariance_column(&self, bands: &Bands, number: usize) -> Option<Vec<f64>> {
         let Moments { perturbations, .. } = self.moments();
+        let (m, whole) = (self.state_values, self.state_values / bands.own_cells().len() * bands.grid().cells());
+        if number >= whole + self.parameters() {
+            return None;
+        }
+        // The rank that has the row adds it; that of a parameter is on all of them.
+        let own_row = match number.checked_sub(whole) {
+            None => bands.own_index(number),
+            Some(parameter) => (bands.communicator().rank() == 0).then_some(m + parameter),
+        };
+        let value = |j: usize| own_row.map_or(0.0, |row| perturbations[(row, j)]);
+        let mut row: Vec<f64> = (0..self.members()).map(value).collect();
+        bands.communicator().sum(&mut row);
         let mut column = vec![0.0; self.rows];
         let degrees = (self.members() - 1) as f64;
-        for j in 0..self.members() {
-            let member = perturbations.col_as_slice(j);
-            axpy(member.get(number)? / degrees, member, &mut column);
+        for (j, value) in row.iter().enumerate() {
+            axpy(value / degrees, perturbations.col_as_slice(j), &mut column);
         }
+        let of_parameters = column.split_off(m);
+        let mut column = bands.gather(column);
+        column.extend(of_parameters);
         Some(column)
     }
 

@@ -266,10 +266,7 @@ impl ColumnMut<'_> {
 
 /// Which of this rank's rows one of all is, if it has it.
 pub(crate) fn own_row(bands: Option<&Bands>, row: usize) -> Option<usize> {
-    let Some(bands) = bands else { return Some(row) };
-    let (cells, own) = (bands.grid().cells(), bands.own_cells());
-    let (field, cell) = (row / cells, row % cells);
-    own.contains(&cell).then(|| field * own.len() + cell - own.start)
+    bands.map_or(Some(row), |bands| bands.own_index(row))
 }
 
 #[cfg(test)]

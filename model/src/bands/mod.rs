@@ -79,6 +79,13 @@ impl Bands {
         ((row + 1) * ranks - 1) / ny
     }
 
+    /// Where a value of fields `[field, y, x]` is in this rank's part, if it is there.
+    pub fn own_index(&self, index: usize) -> Option<usize> {
+        let (cells, own) = (self.grid.cells(), self.own_cells());
+        let (field, cell) = (index / cells, index % cells);
+        own.contains(&cell).then(|| field * own.len() + cell - own.start)
+    }
+
     /// This rank's part of fields `[field, y, x]`.
     pub fn own_part(&self, whole: &[f64]) -> Vec<f64> {
         self.part_of(self.communicator.rank(), whole)
@@ -211,6 +218,8 @@ mod tests {
                 assert!(bands.own().all(|row| bands.rank_of(row) == rank));
                 let own = bands.own_part(&whole);
                 assert_eq!(own.len(), 2 * bands.own_cells().len());
+                let there = (0..whole.len()).filter_map(|index| Some((bands.own_index(index)?, whole[index])));
+                assert!(there.eq(own.iter().copied().enumerate()));
                 let first = bands.gather_to_first(own.clone());
                 assert_eq!(first, if rank == 0 { whole.clone() } else { Vec::new() });
                 assert_eq!(bands.gather(own), whole);

@@ -3,7 +3,7 @@
 use super::solution::{augmented, of_blocks};
 use super::{BlockErrors, Frame};
 use faer::MatRef;
-use isobar_model::vector::axpy;
+use isobar_model::vector::{axpy, dot};
 
 impl BlockErrors {
     /// (blkdiag(C) + Φ Φᵀ) h for an h over (x, c). It costs as much as the factors, (m + p) r, and the blocks that h touches.
@@ -55,15 +55,18 @@ impl BlockErrors {
             [of_blocks, of_shared]
         };
         let ([a_blocks, a_shared], [b_blocks, b_shared]) = (split(a), split(b));
-        let mut sum = 0.0;
-        for column in 0..factors.columns() {
-            let amplitude = |of_blocks: &[(usize, f64)], of_shared: &[(usize, f64)]| {
+        let has_parameters = factors.has_parameters();
+        let amplitudes = |of_blocks: &[(usize, f64)], of_shared: &[(usize, f64)]| {
+            let amplitude = |column: usize| {
                 let blocks = of_blocks.iter().map(|&(variable, weight)| weight * factors.value(variable, column));
-                let shared = of_shared.iter().map(|&(row, weight)| weight * factors.shared[(row, column)]);
-                blocks.sum::<f64>() + shared.sum::<f64>()
+                let shared = of_shared.iter().filter(|_| has_parameters);
+                blocks.sum::<f64>() + shared.map(|&(row, weight)| weight * factors.shared[(row, column)]).sum::<f64>()
             };
-            sum += amplitude(&a_blocks, &a_shared) * amplitude(&b_blocks, &b_shared);
-        }
+            let mut amplitudes: Vec<f64> = (0..factors.columns()).map(amplitude).collect();
+            factors.sum(&mut amplitudes);
+            amplitudes
+        };
+        let mut sum = dot(&amplitudes(&a_blocks, &a_shared), &amplitudes(&b_blocks, &b_shared));
         for &(variable, weight) in &a_blocks {
             let (members, own) = self.part_of(variable);
             let column = members.binary_search(&variable).expect("a variable is in its block");
