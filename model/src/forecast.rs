@@ -1,12 +1,12 @@
 //! What a model is: three small traits, each a capability, and the loops over time steps, each written once.
 
 use crate::arithmetic::Arithmetic;
-use crate::bands::BandedModel;
+use crate::bands::Bands;
 use crate::communicator::RankFailure;
 use crate::error::ModelError;
 use crate::state::{Layout, State};
 use crate::stored::{ColumnsMut, Stored};
-use crate::time::Duration;
+use crate::time::{Duration, Time};
 use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::Arc;
@@ -42,8 +42,8 @@ pub trait Model: Send + Sync {
         self.layout().grid.ny
     }
 
-    /// The model with the bands in which several ranks have its states; `None` if this process has all of them.
-    fn in_bands(&self) -> Option<&BandedModel> {
+    /// What advances states that several ranks have, each its rows; `None` if this process has all of them.
+    fn in_bands(&self) -> Option<&dyn InBands> {
         None
     }
 
@@ -84,6 +84,24 @@ pub trait Model: Send + Sync {
             }
         }
     }
+}
+
+/// A model of which each of several ranks has the states and increments in its band of rows. All functions are collective.
+pub trait InBands: Send + Sync {
+    /// Which rank has which rows.
+    fn bands(&self) -> &Bands;
+
+    /// Advances this rank's parts of states, `[variable, own y, x]` each, all valid at the same time.
+    ///
+    /// # Errors
+    /// As [`forecast`], for the first state that fails on any rank.
+    fn forecast_parts(&self, parts: &mut [&mut [f64]], time: Option<Time>, steps: usize) -> Result<(), ForecastError>;
+
+    /// Advances this rank's parts of increments, `[variable, own y, x]` one after another, along the trajectory from a whole state.
+    ///
+    /// # Errors
+    /// [`ForecastError::OnRank`] if one is not finite at the end.
+    fn forecast_tl_parts(&self, at: &State, parts: ColumnsMut<'_>, steps: usize) -> Result<(), ForecastError>;
 }
 
 /// A model with its tangent-linear: δx(t + Δt) = M'(x(t)) δx(t).

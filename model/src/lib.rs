@@ -106,7 +106,7 @@ pub use communicator::Communicator;
 pub use error::ModelError;
 pub use forced::Forced;
 pub use forcing::{Forcing, Source};
-pub use forecast::{Adjoint, ForecastError, Model, TangentLinear};
+pub use forecast::{Adjoint, ForecastError, InBands, Model, TangentLinear};
 pub use grid::{Boundary, Grid, Location};
 pub use increment::Increment;
 pub use scheme::{

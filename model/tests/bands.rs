@@ -4,9 +4,9 @@ use crate::common::{BOUNDARIES, FORMS, SCHEMES, grid, jet, largest, parameters, 
 use isobar_model::random::{standard_normals, stream};
 use isobar_model::testing::on_ranks;
 use isobar_model::{
-    Adjoint, Advection, AdvectionScheme, BandedModel, Boundary, Duration, ExactShift, Forced, Forcing, ForecastError,
-    Leapfrog, LinearShallowWater, RestartedLeapfrog, ShallowWater, ShallowWaterParameters, Source, State, Stored, Time,
-    TimeFunction, Wind, forecast, initial,
+    Adjoint, Advection, AdvectionScheme, BandedModel, Boundary, ColumnsMut, Duration, ExactShift, Forced, Forcing,
+    ForecastError, InBands, Leapfrog, LinearShallowWater, RestartedLeapfrog, ShallowWater, ShallowWaterParameters,
+    Source, State, Stored, Time, TimeFunction, Wind, forecast, initial,
 };
 use std::sync::Arc;
 
@@ -44,8 +44,8 @@ fn check(model: Arc<dyn Adjoint>, start: &State) {
             }
             let mut part: Vec<f64> = columns.chunks(start.values().len()).flat_map(|it| bands.own_part(it)).collect();
             let mut in_single: Vec<f32> = part.iter().map(|&value| f32::narrow(value)).collect();
-            banded.forecast_tl_parts(&start, &mut part, STEPS).unwrap();
-            banded.forecast_tl_parts(&start, &mut in_single, STEPS).unwrap();
+            banded.forecast_tl_parts(&start, ColumnsMut::Double(&mut part), STEPS).unwrap();
+            banded.forecast_tl_parts(&start, ColumnsMut::Single(&mut in_single), STEPS).unwrap();
             let after = columns_after.chunks(start.values().len());
             assert_eq!(part, after.flat_map(|column| bands.own_part(column)).collect::<Vec<_>>(), "{ranks} ranks");
             // What one process advances in double precision and rounds once, ranks round after each step.

@@ -353,7 +353,7 @@ mod tests {
                 }
                 (members, earlier, found)
             };
-            let whole = &[0..grid.ny][..];
+            let whole = &std::array::from_fn::<_, 1, _>(|_| 0..grid.ny)[..];
             let (members, earlier, found) = run(1, whole);
             let parameters_of = |found: &[BesideState], ensemble: usize| {
                 let of_bands: Vec<BandParameters> = found.iter().map(|it| it.parameters[ensemble].clone()).collect();

@@ -6,7 +6,8 @@
 //! | `filter` | such a cycle with an analysis is a method |
 //! | `moments` | their mean and perturbations |
 //! | `members` | [`Ensemble`]: the members, their forecast and their moments |
-//! | `draws` | the first members; draws, a share of them on each rank |
+//! | `first_members` | their draw |
+//! | `parts_of_draws` | draws, a share of them made on each rank |
 //! | `model_error` | what a cycle adds to the members: draws of Q, or the square root that has no sampling error |
 //! | `transform` | the analysis in the space of the ensemble |
 //! | `principal` | its directions where some observations are far more accurate than others |
@@ -31,9 +32,9 @@ mod band;
 mod batch;
 mod buckets;
 mod cycle;
-mod draws;
 mod etkf;
 mod filter;
+mod first_members;
 mod fixed_lag;
 mod inflation;
 mod letkf;
@@ -44,6 +45,7 @@ mod moments;
 mod near;
 mod observed;
 mod own;
+mod parts_of_draws;
 mod perturbations;
 mod principal;
 mod products;

@@ -1,8 +1,8 @@
 //! What a cycle adds to the members: model error and the drift of the biases.
 
 use super::ModelErrorTreatment;
-use super::draws::draw_parts;
 use super::moments::{spread, variable_scales};
+use super::parts_of_draws::draw_parts;
 use crate::covariance;
 use crate::linalg::{add_product, add_symmetric_product, eigen, product};
 use crate::problem::Problem;

@@ -7,7 +7,7 @@
 use super::{Bands, RowExchange};
 use crate::communicator::{Communicator, RankFailure, all_succeed};
 use crate::error::ModelError;
-use crate::forecast::{self, Adjoint, ForecastError, Model, TangentLinear};
+use crate::forecast::{self, Adjoint, ForecastError, InBands, Model, TangentLinear};
 use crate::state::{Layout, State};
 use crate::stored::{ColumnsMut, Stored};
 use crate::time::{Duration, Time};
@@ -22,7 +22,7 @@ const TOGETHER: usize = 32;
 ///
 /// What has a whole state is given and gives it on all ranks: [`Model::step`] and [`Model::steps`] are collective, and return the same
 /// on each. Increments and adjoint increments of whole columns are advanced by each rank for itself. Of what is too large for one
-/// rank each has its part, which [`BandedModel::forecast_parts`] and [`BandedModel::forecast_tl_parts`] advance.
+/// rank each has its part, which [`InBands::forecast_parts`] and [`InBands::forecast_tl_parts`] advance.
 pub struct BandedModel {
     whole: Arc<dyn Adjoint>,
     local: Arc<dyn Adjoint>,
@@ -49,43 +49,8 @@ impl BandedModel {
         Ok(Self { whole, local, bands, exchange })
     }
 
-    /// Which rank has which rows.
-    pub fn bands(&self) -> &Bands {
-        &self.bands
-    }
-
-    /// Advances this rank's parts of states, `[variable, own y, x]` each, all valid at the same time. Collective.
-    ///
-    /// # Errors
-    /// As [`forecast::forecast`], for the first state that fails on any rank.
-    pub fn forecast_parts(
-        &self,
-        parts: &mut [&mut [f64]],
-        time: Option<Time>,
-        steps: usize,
-    ) -> Result<(), ForecastError> {
-        for parts in parts.chunks_mut(TOGETHER) {
-            let mut states: Vec<State> = parts.iter().map(|part| self.widened(part, time)).collect();
-            let is_possible = |part: &&mut [f64]| self.local.check_state(&self.own_state(part)).is_ok();
-            self.require_all(parts.iter().position(|part| !is_possible(part)), parts, time, steps)?;
-            for _ in 0..steps {
-                self.fill(&mut states);
-                advance_each(&*self.local, &mut states);
-            }
-            let advanced: Vec<Vec<f64>> = states.iter().map(|state| self.own_values(state)).collect();
-            let is_finite = |values: &Vec<f64>| values.iter().all(|value| value.is_finite());
-            self.require_all(advanced.iter().position(|values| !is_finite(values)), parts, time, steps)?;
-            parts.iter_mut().zip(advanced).for_each(|(part, values)| part.copy_from_slice(&values));
-        }
-        Ok(())
-    }
-
-    /// Advances this rank's parts of increments, `[variable, own y, x]` one after another, along the trajectory from a whole state.
-    /// Collective.
-    ///
-    /// # Errors
-    /// [`ForecastError::OnRank`] if one is not finite at the end.
-    pub fn forecast_tl_parts<S: Stored>(&self, at: &State, parts: &mut [S], steps: usize) -> Result<(), ForecastError> {
+    /// [`InBands::forecast_tl_parts`] in the precision of the increments.
+    fn forecast_tl_in<S: Stored>(&self, at: &State, parts: &mut [S], steps: usize) -> Result<(), ForecastError> {
         let (own_len, layout) = (self.own_len(), self.local.layout());
         let own_state = self.bands.own_part(at.values());
         for parts in parts.chunks_mut(TOGETHER * own_len) {
@@ -181,6 +146,36 @@ fn advance_each(model: &dyn Model, states: &mut [State]) {
     states.par_chunks_mut(together).for_each(|states| model.steps(states, 1));
 }
 
+impl InBands for BandedModel {
+    fn bands(&self) -> &Bands {
+        &self.bands
+    }
+
+    fn forecast_parts(&self, parts: &mut [&mut [f64]], time: Option<Time>, steps: usize) -> Result<(), ForecastError> {
+        for parts in parts.chunks_mut(TOGETHER) {
+            let mut states: Vec<State> = parts.iter().map(|part| self.widened(part, time)).collect();
+            let is_possible = |part: &&mut [f64]| self.local.check_state(&self.own_state(part)).is_ok();
+            self.require_all(parts.iter().position(|part| !is_possible(part)), parts, time, steps)?;
+            for _ in 0..steps {
+                self.fill(&mut states);
+                advance_each(&*self.local, &mut states);
+            }
+            let advanced: Vec<Vec<f64>> = states.iter().map(|state| self.own_values(state)).collect();
+            let is_finite = |values: &Vec<f64>| values.iter().all(|value| value.is_finite());
+            self.require_all(advanced.iter().position(|values| !is_finite(values)), parts, time, steps)?;
+            parts.iter_mut().zip(advanced).for_each(|(part, values)| part.copy_from_slice(&values));
+        }
+        Ok(())
+    }
+
+    fn forecast_tl_parts(&self, at: &State, parts: ColumnsMut<'_>, steps: usize) -> Result<(), ForecastError> {
+        match parts {
+            ColumnsMut::Double(parts) => self.forecast_tl_in(at, parts, steps),
+            ColumnsMut::Single(parts) => self.forecast_tl_in(at, parts, steps),
+        }
+    }
+}
+
 impl Model for BandedModel {
     fn layout(&self) -> &Arc<Layout> {
         self.whole.layout()
@@ -206,7 +201,7 @@ impl Model for BandedModel {
         self.whole.reach()
     }
 
-    fn in_bands(&self) -> Option<&BandedModel> {
+    fn in_bands(&self) -> Option<&dyn InBands> {
         Some(self)
     }
 

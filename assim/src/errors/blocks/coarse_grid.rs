@@ -17,7 +17,7 @@ use crate::tall_matrix::{TallMatrix, stored};
 use isobar_model::communicator::all_succeed;
 use isobar_model::forecast::{ForecastError, forecast, forecast_tl, require_finite_increments};
 use isobar_model::vector::axpy;
-use isobar_model::{BandedModel, Boundary, ColumnsMut, Duration, Layout, State, Stored, TangentLinear};
+use isobar_model::{Boundary, ColumnsMut, Duration, InBands, Layout, State, Stored, TangentLinear};
 use rayon::prelude::*;
 use std::sync::Arc;
 
@@ -81,10 +81,10 @@ impl CoarseGrid {
         columns: &mut TallMatrix,
         factors: usize,
     ) -> Result<(), Error> {
-        if let (Some(model), Some(_)) = (cycle.model.in_bands(), columns.bands()) {
+        if let (Some(in_bands), Some(_)) = (cycle.model.in_bands(), columns.bands()) {
             return match coarse {
-                None => forecast_parts(model, state, columns, 0, cycle.steps),
-                Some(coarse) => coarse.forecast_parts_here(model, state, cycle, columns, factors),
+                None => forecast_parts((cycle.model, in_bands), state, columns, 0, cycle.steps),
+                Some(coarse) => coarse.forecast_parts_here(in_bands, state, cycle, columns, factors),
             };
         }
         let factors = factors * columns.rows();
@@ -139,7 +139,7 @@ impl CoarseGrid {
     /// probes.
     fn forecast_parts_here(
         &self,
-        model: &BandedModel,
+        in_bands: &dyn InBands,
         state: &mut State,
         cycle: &Cycle<'_>,
         columns: &mut TallMatrix,
@@ -160,11 +160,11 @@ impl CoarseGrid {
         for step in 0..coarse_steps {
             let (done, next) = (step * steps / coarse_steps, (step + 1) * steps / coarse_steps);
             self.restrict(state.values(), at.values_mut());
-            forecast_parts(model, state, columns, factors, next - done)?;
+            forecast_parts((cycle.model, in_bands), state, columns, factors, next - done)?;
             self.model.steps_tl(&at, ColumnsMut::Double(&mut coarse), 1);
         }
         let own = require_finite_increments(self.model.layout(), &coarse, steps);
-        all_succeed(model.bands().communicator(), own).map_err(ForecastError::OnRank)?;
+        all_succeed(in_bands.bands().communicator(), own).map_err(ForecastError::OnRank)?;
         let mut left = &coarse[..];
         columns.edit_whole_columns(0..factors, |columns| {
             let own = left.split_off(..columns.len() * coarse_m).expect("as many as there were");
@@ -228,7 +228,7 @@ impl CoarseGrid {
 
 /// Advances a state, and the columns from `first` on, of whose rows each rank has some.
 fn forecast_parts(
-    model: &BandedModel,
+    (model, in_bands): (&dyn TangentLinear, &dyn InBands),
     state: &mut State,
     columns: &mut TallMatrix,
     first: usize,
@@ -236,7 +236,9 @@ fn forecast_parts(
 ) -> Result<(), Error> {
     let (at, first) = (state.clone(), first * columns.own_rows());
     forecast(model, state, steps)?;
-    stored!(columns.values_mut(), columns => Ok(model.forecast_tl_parts(&at, &mut columns[first..], steps)?))
+    stored!(columns.values_mut(), columns => {
+        Ok(in_bands.forecast_tl_parts(&at, Stored::columns_mut(&mut columns[first..]), steps)?)
+    })
 }
 
 /// Linear interpolation along one direction from coarse points to fine ones.

@@ -1,9 +1,10 @@
-//! The first members, and what is drawn for all of them.
+//! The first members.
 
 use super::members::Ensemble;
 use super::moments::variable_scales;
+use super::parts_of_draws::draw_parts;
 use super::{EnsembleSettings, InitialMembers};
-use crate::covariance::{self, Covariance, randomize};
+use crate::covariance::{self, randomize};
 use crate::error::Error;
 use crate::linalg::{cholesky, column, polar_factor, product, qr};
 use crate::problem::Problem;
@@ -12,7 +13,6 @@ use isobar_model::random::{standard_normals, stream};
 use isobar_model::vector::dot;
 use isobar_model::{Bands, Model};
 use rand_chacha::ChaCha8Rng;
-use rayon::prelude::*;
 
 impl Ensemble {
     /// Members about the background of the problem, with the spread of B and of the biases' priors.
@@ -64,33 +64,6 @@ impl Ensemble {
         mean.resize(m + p, 0.0);
         Ok(Self::about(&mean, m, perturbations, problem.background.time()))
     }
-}
-
-/// Parts of draws from N(0, U Uᵀ) for states of `len` values, zero if there is no covariance, given what all ranks draw alike for
-/// each: normal numbers of the root's control space, and others, which are given back. Each rank makes whole columns of its share
-/// of the draws.
-pub(super) fn draw_parts(
-    bands: &Bands,
-    (covariance, len): (Option<&dyn Covariance>, usize),
-    draws: usize,
-    mut draw: impl FnMut() -> (Vec<f64>, Vec<f64>),
-) -> impl Iterator<Item = (Vec<f64>, Vec<f64>)> {
-    let (share, mut own, mut others) = (bands.share(draws), Vec::new(), Vec::new());
-    for number in 0..draws {
-        let (normals, other) = draw();
-        others.push(other);
-        if share.contains(&number) {
-            own.push(normals);
-        }
-    }
-    let make = |normals: &Vec<f64>| {
-        let mut column = vec![0.0; len];
-        if let Some(covariance) = covariance {
-            covariance.root_add(normals, &mut column);
-        }
-        column
-    };
-    bands.deal(own.par_iter().map(make).collect()).into_iter().zip(others)
 }
 
 /// √(N−1) F Ω, column-major `[m + p, N]`: F holds the leading factors of B and the priors, Ω `[N − 1, N]` orthonormal rows
