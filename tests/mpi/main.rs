@@ -138,7 +138,12 @@ fn wait_for_checkpoint(below: &Path) {
     let began = Instant::now();
     let has_checkpoint = || {
         let all = fs::read_dir(below).into_iter().flatten().flatten();
-        all.flat_map(|entry| files(&entry.path())).any(|(path, _)| path.to_string_lossy().contains("checkpoint-"))
+        // One that is being written has another extension.
+        let is_complete = |path: &Path| {
+            path.to_string_lossy().contains("checkpoint-")
+                && path.extension().is_none_or(|extension| extension != "new")
+        };
+        all.flat_map(|entry| files(&entry.path())).any(|(path, _)| is_complete(&path))
     };
     while !has_checkpoint() {
         assert!(began.elapsed() < Duration::from_secs(120), "no run has begun");
