@@ -37,7 +37,7 @@ fn assert_near(one: &Value, other: &Value) {
         }
         (Value::Number(one), Value::Number(other)) => {
             let [one, other] = [one, other].map(|it| it.as_f64().unwrap());
-            assert!((one - other).abs() <= 1e-9 * one.abs().max(1e-3), "{one} and {other}");
+            assert!((one - other).abs() <= 1e-7 * one.abs().max(1e-3), "{one} and {other}");
         }
         _ => assert_eq!(one, other),
     }
