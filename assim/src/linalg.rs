@@ -10,6 +10,7 @@ use faer::linalg::solvers::Qr;
 use faer::linalg::{matmul::matmul, triangular_solve};
 use faer::prelude::ReborrowMut;
 use faer::{Accum, ColMut, ColRef, Mat, MatMut, MatRef, Par};
+use isobar_model::communicator::Communicator;
 
 /// Columns that one thread works on at a time.
 const CHUNK: usize = 128;
@@ -159,6 +160,14 @@ pub(crate) fn inverse_from_cholesky(l: MatRef<'_, f64>) -> Mat<f64> {
     let mut inverse = Mat::zeros(l.nrows(), l.nrows());
     add_symmetric_product(inverse.as_mut(), 1.0, root.transpose(), root.as_ref());
     inverse
+}
+
+/// The sum of the matrices that the ranks have.
+pub(crate) fn summed(communicator: &dyn Communicator, own: Mat<f64>) -> Mat<f64> {
+    let (rows, columns) = own.shape();
+    let mut sum: Vec<f64> = (0..columns).flat_map(|j| own.col_as_slice(j)).copied().collect();
+    communicator.sum(&mut sum);
+    Mat::from_fn(rows, columns, |i, j| sum[j * rows + i])
 }
 
 /// The entries of a matrix row by row.

@@ -1,8 +1,8 @@
 //! The processes that compute one run together, as the rest of the program sees them.
 //!
-//! Every process, a rank, does the same and comes to the same decisions; what is too large for one is divided among them (see
+//! Every process, a rank, runs the same program and makes the same decisions; data too large for one is divided among them (see
 //! [`crate::bands`]). All functions of a [`Communicator`] are collective: each rank calls the same ones in the same order, from one
-//! thread at a time, or all wait for ever.
+//! thread at a time; otherwise all of them hang.
 
 use std::fmt::Display;
 

@@ -131,23 +131,9 @@ pub trait TangentLinear: Model {
     /// others know what they are next. The bits are those of [`TangentLinear::steps_tl`] with one step after each exchange.
     ///
     /// A model overrides it if it need not arrange the increments anew for each step.
-    fn steps_tl_exchanging(&self, at: &mut State, mut columns: ColumnsMut<'_>, steps: usize, exchange: Exchange<'_>) {
-        let cells = self.layout().grid.cells();
-        for _ in 0..steps {
-            exchange(&mut fields(cells, at, &mut columns).collect::<Vec<_>>());
-            self.steps_tl(at, columns.reborrow(), 1);
-            self.step(at);
-        }
+    fn steps_tl_exchanging(&self, at: &mut State, columns: ColumnsMut<'_>, steps: usize, exchange: Exchange<'_>) {
+        step_by_step_exchanging(self, at, columns, steps, exchange);
     }
-}
-
-/// The fields of a state and of columns.
-pub(crate) fn fields<'a>(
-    cells: usize,
-    at: &'a mut State,
-    columns: &'a mut ColumnsMut<'_>,
-) -> impl Iterator<Item = ColumnsMut<'a>> {
-    at.values_mut().chunks_exact_mut(cells).map(ColumnsMut::Double).chain(columns.reborrow().fields(cells))
 }
 
 /// Changes fields before a step: those of the state and of increments, `[y, x]` each, or `[y, x, lane]` of several increments.
@@ -216,6 +202,13 @@ pub fn forecast(model: &dyn Model, x: &mut State, steps: usize) -> Result<(), Fo
     forecast_together(model, std::slice::from_mut(x), steps)
 }
 
+/// Of how many states a thread advances together: as many as [`Model::best_together`] says, unless a thread would have none.
+pub fn together(model: &dyn Model, states: usize) -> usize {
+    let share = states.div_ceil(rayon::current_num_threads()).max(1);
+    let groups = share.div_ceil(model.best_together().clamp(1, share));
+    share.div_ceil(groups)
+}
+
 /// Advances several states by `steps` time steps each; fastest for as many at a time as [`Model::best_together`] says.
 ///
 /// # Errors
@@ -266,6 +259,23 @@ pub(crate) fn step_by_step<M: TangentLinear + ?Sized>(
                 });
             }
         }
+    }
+}
+
+/// [`TangentLinear::steps_tl_exchanging`] by single steps.
+pub(crate) fn step_by_step_exchanging<M: TangentLinear + ?Sized>(
+    model: &M,
+    at: &mut State,
+    mut columns: ColumnsMut<'_>,
+    steps: usize,
+    exchange: Exchange<'_>,
+) {
+    let cells = model.layout().grid.cells();
+    for _ in 0..steps {
+        let of_state = at.values_mut().chunks_exact_mut(cells).map(ColumnsMut::Double);
+        exchange(&mut of_state.chain(columns.reborrow().fields(cells)).collect::<Vec<_>>());
+        model.steps_tl(at, columns.reborrow(), 1);
+        model.step(at);
     }
 }
 

@@ -36,7 +36,7 @@ impl<'a> ColumnsMut<'a> {
         }
     }
 
-    /// Whether there are none.
+    /// Whether there are no values.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }

@@ -8,8 +8,8 @@
 //! Of a run that all compute together, rank 0 writes the directory; the others read what it reads, and exchange numbers with it (see
 //! [`isobar_model::communicator`]). If one of them dies, or ends with an error of its own, the job ends.
 //!
-//! If a process of a batch dies, its run is not completed, and the batch goes on with the other processes unless the MPI launcher ends them. The
-//! last checkpoint of the run is on disk, and `isobar resume` continues from it.
+//! If a process dies during a batch, its run is left incomplete, and the others carry on unless the MPI launcher ends them.
+//! `isobar resume` continues that run from its last checkpoint on disk.
 
 #[cfg(feature = "mpi")]
 mod coordinator;

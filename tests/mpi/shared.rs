@@ -135,7 +135,7 @@ fn what_ranks_cannot_compute_together_is_refused() {
     assert!(!message.contains("rank 1") && !message.contains("MPI_ABORT"), "{message}");
 }
 
-/// A checkpoint that cannot be written ends rank 0; the others do not wait for it for ever.
+/// If rank 0 cannot write a checkpoint, the job ends, and the other ranks do not hang.
 #[test]
 fn a_rank_that_fails_ends_the_job() {
     let directory = workplace(300);

@@ -6,7 +6,7 @@ use std::time::Instant;
 
 const NAME: &str = "speed::messages_take_their_time";
 
-/// Seconds for a message of so many numbers to another rank and one back, the fastest of several.
+/// Seconds for the round trip of a message with this many numbers between two ranks, the fastest of 200.
 fn there_and_back(numbers: usize) -> f64 {
     let world = mpi::topology::SimpleCommunicator::world();
     let other = world.process_at_rank(1 - world.rank());

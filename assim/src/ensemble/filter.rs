@@ -154,7 +154,16 @@ impl<A: EnsembleAnalysis> Assimilator for EnsembleFilter<A> {
 
     fn memory(&self) -> Result<Vec<u8>, Error> {
         let EnsembleCycle { memory, bands, .. } = &self.cycle;
-        to_bytes(&Memory { ensemble: memory.ensemble.gathered(bands), ..memory.clone() })
+        if bands.is_whole() {
+            return to_bytes(memory);
+        }
+        let Memory { ensemble, variance_factors, random, smoother } = memory;
+        to_bytes(&Memory {
+            ensemble: ensemble.gathered(bands),
+            variance_factors: variance_factors.clone(),
+            random: random.clone(),
+            smoother: smoother.clone(),
+        })
     }
 
     fn recall(&mut self, memory: &[u8]) -> Result<(), Error> {

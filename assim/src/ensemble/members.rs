@@ -182,8 +182,7 @@ impl Ensemble {
         split_fields(self.values.chunks_exact_mut(self.rows), self.state_values, cells, lengths)
     }
 
-    /// Forecasts each member with the model, as many together as it says unless a thread would have none, and adds what a window
-    /// adds to the errors.
+    /// Forecasts each member with the model, and adds what a window adds to the errors.
     pub(super) fn forecast(
         &mut self,
         problem: &Problem<dyn Model>,
@@ -191,46 +190,36 @@ impl Ensemble {
         window: Duration,
         random: &mut ChaCha8Rng,
     ) -> Result<(), Error> {
-        let (steps, m) = (steps(&*problem.model, window)?, self.state_values);
-        let layout = problem.background.layout();
+        self.forecast_states(&*problem.model, steps(&*problem.model, window)?)?;
         let kept = problem.estimated_calibration().kept(window);
-        let time = self.time;
         for member in self.values.chunks_exact_mut(self.rows) {
-            member[m..].iter_mut().zip(&kept).for_each(|(value, kept)| *value *= kept);
+            member[self.state_values..].iter_mut().zip(&kept).for_each(|(value, kept)| *value *= kept);
         }
-        if let Some(model) = problem.model.in_bands() {
-            let mut parts: Vec<&mut [f64]> = self.values.chunks_exact_mut(self.rows).map(|it| &mut it[..m]).collect();
-            model.forecast_parts(&mut parts, time, steps)?;
-            return self.add_errors(problem, settings, window, random);
-        }
-        let share = self.members().div_ceil(rayon::current_num_threads());
-        let groups = share.div_ceil(problem.model.best_together().clamp(1, share));
-        let together = share.div_ceil(groups);
-        self.values.par_chunks_mut(together * self.rows).try_for_each(|members| {
-            let state = |member: &[f64]| State::from_values(layout, member[..m].to_vec()).valid_at(time);
-            let mut states: Vec<State> = members.chunks_exact(self.rows).map(state).collect();
-            forecast::forecast_together(&*problem.model, &mut states, steps)?;
-            for (member, state) in members.chunks_exact_mut(self.rows).zip(&states) {
-                member[..m].copy_from_slice(state.values());
-            }
-            Ok::<(), Error>(())
-        })?;
-        self.add_errors(problem, settings, window, random)
-    }
-
-    /// Adds what a window adds to the errors of members that have been forecast through it.
-    fn add_errors(
-        &mut self,
-        problem: &Problem<dyn Model>,
-        settings: &EnsembleSettings,
-        window: Duration,
-        random: &mut ChaCha8Rng,
-    ) -> Result<(), Error> {
         self.time = self.time.map(|time| time + window);
         let mut moments = self.moments();
         add_model_error(problem, settings.model_error, window, &mut moments.perturbations, random);
         self.set(&moments);
         Ok(())
+    }
+
+    /// Advances the members' states: this rank's part of each, if several ranks have them.
+    fn forecast_states(&mut self, model: &dyn Model, steps: usize) -> Result<(), Error> {
+        let (m, rows, time, together) =
+            (self.state_values, self.rows, self.time, forecast::together(model, self.members()));
+        if let Some(model) = model.in_bands() {
+            let mut parts: Vec<&mut [f64]> =
+                self.values.chunks_exact_mut(rows).map(|member| &mut member[..m]).collect();
+            return Ok(model.forecast_parts(&mut parts, time, steps)?);
+        }
+        self.values.par_chunks_mut(together * rows).try_for_each(|members| {
+            let state = |member: &[f64]| State::from_values(model.layout(), member[..m].to_vec()).valid_at(time);
+            let mut states: Vec<State> = members.chunks_exact(rows).map(state).collect();
+            forecast::forecast_together(model, &mut states, steps)?;
+            for (member, state) in members.chunks_exact_mut(rows).zip(&states) {
+                member[..m].copy_from_slice(state.values());
+            }
+            Ok(())
+        })
     }
 
     /// The members' covariance of the parameters and of the means of the state's fields.
@@ -312,9 +301,6 @@ impl Ensemble {
 
     /// The members of all ranks, on rank 0; members without values of the state on the others.
     pub(super) fn gathered(&self, bands: &Bands) -> Self {
-        if bands.is_whole() {
-            return self.clone();
-        }
         let mut values = Vec::new();
         let mut state_values = 0;
         for member in self.values.chunks_exact(self.rows) {

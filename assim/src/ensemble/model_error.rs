@@ -4,7 +4,7 @@ use super::ModelErrorTreatment;
 use super::moments::{spread, variable_scales};
 use super::parts_of_draws::draw_parts;
 use crate::covariance;
-use crate::linalg::{add_product, add_symmetric_product, eigen, product};
+use crate::linalg::{add_product, add_symmetric_product, eigen, product, summed};
 use crate::problem::Problem;
 use faer::Mat;
 use isobar_model::random::standard_normals;
@@ -137,9 +137,5 @@ impl<'a> Span<'a> {
 /// Aᵀ B. Of the rows of the state this rank has its part; those of the parameters, the last ones, are on all ranks.
 fn inner_products(bands: &Bands, parameters: usize, a: &Mat<f64>, b: &Mat<f64>) -> Mat<f64> {
     let rows = if bands.communicator().rank() == 0 { a.nrows() } else { a.nrows() - parameters };
-    let own = product(a.as_ref().get(..rows, ..).transpose(), b.as_ref().get(..rows, ..));
-    let (count, columns) = own.shape();
-    let mut sums: Vec<f64> = (0..columns).flat_map(|j| own.col_as_slice(j)).copied().collect();
-    bands.communicator().sum(&mut sums);
-    Mat::from_fn(count, columns, |i, j| sums[j * count + i])
+    summed(bands.communicator(), product(a.as_ref().get(..rows, ..).transpose(), b.as_ref().get(..rows, ..)))
 }

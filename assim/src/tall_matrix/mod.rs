@@ -159,8 +159,8 @@ impl TallMatrix {
 
     /// Applies `work` to each column, in parallel; to none if they have no rows.
     pub fn edit_columns(&mut self, work: impl Fn(&mut [f64]) + Sync) {
-        if self.bands.is_some() {
-            return self.edit_whole_columns(0..self.columns, |columns| {
+        if let Some(bands) = self.bands.clone() {
+            return self.edit_whole_columns(&bands, 0..self.columns, |columns| {
                 columns.par_iter_mut().for_each(|column| work(column));
             });
         }

@@ -1,6 +1,7 @@
 //! Tall matrices whose rows several ranks have.
 
 use super::{Precision, TallMatrix};
+use crate::linalg::summed;
 use faer::Mat;
 use isobar_model::Bands;
 use std::borrow::Cow;
@@ -53,11 +54,10 @@ impl TallMatrix {
 
     /// The sum over the ranks of what each has found from its rows.
     pub(super) fn summed(&self, of_own: Mat<f64>) -> Mat<f64> {
-        let Some(bands) = &self.bands else { return of_own };
-        let (rows, columns) = of_own.shape();
-        let mut sum: Vec<f64> = (0..columns).flat_map(|j| of_own.col_as_slice(j)).copied().collect();
-        bands.communicator().sum(&mut sum);
-        Mat::from_fn(rows, columns, |i, j| sum[j * rows + i])
+        match &self.bands {
+            None => of_own,
+            Some(bands) => summed(bands.communicator(), of_own),
+        }
     }
 
     /// A column, all of it.
@@ -82,16 +82,8 @@ impl TallMatrix {
         self.edit_own_column(column, |own| own.copy_from_slice(&part));
     }
 
-    /// Applies `work` to some of the columns, all of them, each on one of the ranks: to as many at a time as this one has threads.
-    pub fn edit_whole_columns(&mut self, columns: Range<usize>, mut work: impl FnMut(&mut [Vec<f64>])) {
-        let Some(bands) = self.bands.clone() else {
-            for column in columns {
-                let mut whole = [self.own_column(column).into_owned()];
-                work(&mut whole);
-                self.edit_own_column(column, |own| own.copy_from_slice(&whole[0]));
-            }
-            return;
-        };
+    /// Applies `work` to some of the columns, each whole on one of the ranks: to as many at a time as this one has threads.
+    pub fn edit_whole_columns(&mut self, bands: &Bands, columns: Range<usize>, mut work: impl FnMut(&mut [Vec<f64>])) {
         let together = bands.communicator().ranks() * rayon::current_num_threads();
         // The same on all ranks, whose threads may differ in number.
         let together = bands.communicator().of_first(vec![together as f64])[0] as usize;

@@ -12,7 +12,6 @@ use crate::state::{Layout, State};
 use crate::stored::{ColumnsMut, Stored};
 use crate::time::{Duration, Time};
 use rayon::prelude::*;
-use std::ops::Range;
 use std::sync::Arc;
 
 /// Columns whose rows travel in one message: many for few messages, few for the memory that they take with the rows beside them.
@@ -91,19 +90,6 @@ impl BandedModel {
         part
     }
 
-    /// The same where the rows beside the rank's have the values of the nearest of these, so that nothing else decides whether it is
-    /// possible.
-    fn own_state(&self, part: &[f64]) -> State {
-        let (rows, own) = (self.exchange.rows().len(), self.exchange.own().clone());
-        let nx = self.bands.grid().nx;
-        let mut state = self.widened(part, None);
-        for field in state.values_mut().chunks_exact_mut(rows * nx) {
-            (0..own.start).for_each(|row| field.copy_within(own.start * nx..(own.start + 1) * nx, row * nx));
-            (own.end..rows).for_each(|row| field.copy_within((own.end - 1) * nx..own.end * nx, row * nx));
-        }
-        state
-    }
-
     /// Receives the rows beside the rank's. Collective.
     fn fill(&self, states: &mut [State]) {
         let len = self.exchange.rows().len() * self.bands.grid().nx;
@@ -139,10 +125,9 @@ impl BandedModel {
     }
 }
 
-/// Advances each of several states by a step, as many together as is best unless a thread would have none.
+/// Advances each of several states by a step.
 fn advance_each(model: &dyn Model, states: &mut [State]) {
-    let share = states.len().div_ceil(rayon::current_num_threads()).max(1);
-    let together = model.best_together().clamp(1, share);
+    let together = forecast::together(model, states.len());
     states.par_chunks_mut(together).for_each(|states| model.steps(states, 1));
 }
 
@@ -154,11 +139,14 @@ impl InBands for BandedModel {
     fn forecast_parts(&self, parts: &mut [&mut [f64]], time: Option<Time>, steps: usize) -> Result<(), ForecastError> {
         for parts in parts.chunks_mut(TOGETHER) {
             let mut states: Vec<State> = parts.iter().map(|part| self.widened(part, time)).collect();
-            let is_possible = |part: &&mut [f64]| self.local.check_state(&self.own_state(part)).is_ok();
-            self.require_all(parts.iter().position(|part| !is_possible(part)), parts, time, steps)?;
-            for _ in 0..steps {
-                self.fill(&mut states);
+            self.fill(&mut states);
+            let bad = states.iter().position(|state| self.local.check_state(state).is_err());
+            self.require_all(bad, parts, time, steps)?;
+            for step in 1..=steps {
                 advance_each(&*self.local, &mut states);
+                if step < steps {
+                    self.fill(&mut states);
+                }
             }
             let advanced: Vec<Vec<f64>> = states.iter().map(|state| self.own_values(state)).collect();
             let is_finite = |values: &Vec<f64>| values.iter().all(|value| value.is_finite());
@@ -191,14 +179,6 @@ impl Model for BandedModel {
 
     fn largest_time_step_s(&self, x: &State) -> f64 {
         self.whole.largest_time_step_s(x)
-    }
-
-    fn in_rows(&self, rows: &Range<isize>) -> Option<Arc<dyn Adjoint>> {
-        self.whole.in_rows(rows)
-    }
-
-    fn reach(&self) -> usize {
-        self.whole.reach()
     }
 
     fn in_bands(&self) -> Option<&dyn InBands> {

@@ -28,6 +28,7 @@ use crate::columns::Columns;
 use crate::error::ModelError;
 use crate::forecast::{
     Adjoint, Between, Exchange, Model, TangentLinear, require_finite_state, step_by_step, step_by_step_ad,
+    step_by_step_exchanging,
 };
 use crate::state::{Layout, State};
 use crate::stored::ColumnsMut;
@@ -275,8 +276,11 @@ impl<T: Tendency> TangentLinear for Stepped<T> {
         }
     }
 
-    fn steps_tl_exchanging(&self, at: &mut State, columns: ColumnsMut<'_>, steps: usize, exchange: Exchange<'_>) {
-        sweep_tl_exchanging(self, &self.tendency, self.numbers(), at, columns, steps, exchange);
+    fn steps_tl_exchanging(&self, at: &mut State, mut columns: ColumnsMut<'_>, steps: usize, exchange: Exchange<'_>) {
+        let with_step = (&mut *at, |x: &mut State| self.step(x));
+        if !sweep_tl_exchanging(&self.tendency, self.numbers(), with_step, &mut columns, steps, &mut *exchange) {
+            step_by_step_exchanging(self, at, columns, steps, exchange);
+        }
     }
 }
 

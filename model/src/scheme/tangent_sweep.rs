@@ -18,7 +18,7 @@ use super::stages::{Stages, load_state, of_strip};
 use super::strips::{Lanes, Strip, StripReader};
 use super::tendency::Tendency;
 use super::update::{Scheme, combine, leap};
-use crate::forecast::{Between, Exchange, TangentLinear, fields};
+use crate::forecast::{Between, Exchange};
 use crate::grid::{Boundary, Grid};
 use crate::state::State;
 use crate::stored::{ColumnsMut, Stored};
@@ -62,42 +62,33 @@ fn sweep_in<T: Tendency, N: Stored>(
     true
 }
 
-/// Advances a state and columns by `steps` steps of a model, all by each of them after their fields are exchanged; by single steps of
-/// the model, if the tendency has no row form.
+/// Advances a state and columns by `steps` steps, all by each of them after their fields are exchanged; `step` advances the state.
+/// Returns false, with nothing done, if the tendency has no row form.
 pub(crate) fn sweep_tl_exchanging<T: Tendency>(
-    model: &impl TangentLinear,
     tendency: &T,
     scheme: Scheme<'_>,
-    at: &mut State,
-    columns: ColumnsMut<'_>,
+    (at, step): (&mut State, impl Fn(&mut State)),
+    columns: &mut ColumnsMut<'_>,
     steps: usize,
     exchange: Exchange<'_>,
-) {
+) -> bool {
     match columns {
-        ColumnsMut::Double(columns) => exchanging_in(model, tendency, scheme, at, columns, steps, exchange),
-        ColumnsMut::Single(columns) => exchanging_in(model, tendency, scheme, at, columns, steps, exchange),
+        ColumnsMut::Double(columns) => exchanging_in(tendency, scheme, (at, step), columns, steps, exchange),
+        ColumnsMut::Single(columns) => exchanging_in(tendency, scheme, (at, step), columns, steps, exchange),
     }
 }
 
 /// [`sweep_tl_exchanging`] in the precision of the columns.
 fn exchanging_in<T: Tendency, N: Stored>(
-    model: &impl TangentLinear,
     tendency: &T,
     scheme: Scheme<'_>,
-    at: &mut State,
+    (at, step): (&mut State, impl Fn(&mut State)),
     columns: &mut [N],
     steps: usize,
     exchange: Exchange<'_>,
-) {
+) -> bool {
     let cells = tendency.layout().grid.cells();
-    let Some(sweep) = sweeps::<T, N>(tendency, scheme) else {
-        for _ in 0..steps {
-            exchange(&mut fields(cells, at, &mut N::columns_mut(columns)).collect::<Vec<_>>());
-            model.steps_tl(at, N::columns_mut(columns), 1);
-            model.step(at);
-        }
-        return;
-    };
+    let Some(sweep) = sweeps::<T, N>(tendency, scheme) else { return false };
     let mut groups = HeldGroups::new(tendency, scheme.levels(), columns);
     for _ in 0..steps {
         let of_state = at.values_mut().chunks_exact_mut(cells).map(ColumnsMut::Double);
@@ -105,9 +96,10 @@ fn exchanging_in<T: Tendency, N: Stored>(
         let start = linearised_at(tendency, at.values());
         groups.for_each(&sweep, |columns, sweep| sweep.advance(&start, columns, 1, &|_, _| ()));
         drop(start);
-        model.step(at);
+        step(at);
     }
     groups.separate();
+    true
 }
 
 /// What makes the sweep of a worker over groups or single columns; `None` if the tendency has no row form.

@@ -73,7 +73,7 @@ impl Keeper {
         by_cycles || (by_time && elapsed >= TIME_BETWEEN_PER_TIME_OF_ONE * self.cost)
     }
 
-    /// Writes a checkpoint after a cycle after which there is none.
+    /// Writes a checkpoint after a cycle that does not have one yet.
     ///
     /// # Errors
     /// If it cannot be written.

@@ -81,7 +81,7 @@ impl CoarseGrid {
         columns: &mut TallMatrix,
         factors: usize,
     ) -> Result<(), Error> {
-        if let (Some(in_bands), Some(_)) = (cycle.model.in_bands(), columns.bands()) {
+        if let Some(in_bands) = cycle.model.in_bands() {
             return match coarse {
                 None => forecast_parts((cycle.model, in_bands), state, columns, 0, cycle.steps),
                 Some(coarse) => coarse.forecast_parts_here(in_bands, state, cycle, columns, factors),
@@ -148,7 +148,7 @@ impl CoarseGrid {
         let (steps, coarse_steps) = (cycle.steps, self.steps_of(cycle.window, cycle.steps)?);
         let coarse_m = self.model.layout().len();
         let mut coarse: Vec<f64> = Vec::new();
-        columns.edit_whole_columns(0..factors, |columns| {
+        columns.edit_whole_columns(in_bands.bands(), 0..factors, |columns| {
             let first = coarse.len();
             coarse.resize(first + columns.len() * coarse_m, 0.0);
             columns.par_iter_mut().zip(coarse[first..].par_chunks_exact_mut(coarse_m)).for_each(|(column, coarse)| {
@@ -166,7 +166,7 @@ impl CoarseGrid {
         let own = require_finite_increments(self.model.layout(), &coarse, steps);
         all_succeed(in_bands.bands().communicator(), own).map_err(ForecastError::OnRank)?;
         let mut left = &coarse[..];
-        columns.edit_whole_columns(0..factors, |columns| {
+        columns.edit_whole_columns(in_bands.bands(), 0..factors, |columns| {
             let own = left.split_off(..columns.len() * coarse_m).expect("as many as there were");
             columns.par_iter_mut().zip(own.par_chunks_exact(coarse_m)).for_each(|(column, coarse)| {
                 self.add_interpolated(1.0, coarse, column);

@@ -338,7 +338,9 @@ impl Errors for BlockErrors {
         if factors.state.bands().is_none() {
             return Cow::Borrowed(&self.memory);
         }
-        let factors = Factors { state: factors.state.gathered(), ..factors.clone() };
+        let Factors { state, local, shared, past } = factors;
+        let (local, shared, past) = (local.clone(), shared.clone(), past.clone());
+        let factors = Factors { state: state.gathered(), local, shared, past };
         let covariance = FactoredCovariance { own: own.clone(), linked: linked.clone(), factors };
         Cow::Owned(Memory { covariance, random: self.memory.random.clone(), smoother: None })
     }
