@@ -1,9 +1,10 @@
 //! Files of a version of isobar with a checksum: checkpoints, the final states of runs, and what recordings are made of.
 //!
 //! ```text
-//! isobar checkpoint 7, version 0.1.0⏎      format and program
+//! isobar checkpoint 8, version 0.1.0⏎      format and program
 //! the head                                  postcard
-//! length, memory                            of each method: the length in 8 bytes, little-endian
+//! memories                                  of the methods
+//! lengths, number                           of the memories, each number in 8 bytes, little-endian
 //! checksum                                  CRC-32 of all before it, 4 bytes, little-endian
 //! ```
 
@@ -12,14 +13,12 @@ use crate::text::clean;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::fs::File;
-use std::io::{self, BufReader, BufWriter, Read, Seek, Write};
+use std::io::{self, BufReader, BufWriter, Cursor, Read, Seek, SeekFrom, Write};
+use std::ops::Range;
 use std::path::Path;
 
 /// The longest first line, with room for the versions to come \[bytes\].
 const LONGEST_BEGINNING: u64 = 200;
-
-/// CRC-32 of anything that is followed by its own CRC-32, little-endian.
-const RESIDUE: u32 = 0x2144_df1c;
 
 const DAMAGED: &str = "it is damaged: its checksum is not that of its contents";
 
@@ -32,19 +31,44 @@ pub struct Format {
     pub number: u32,
 }
 
-/// What a file holds.
+/// What a file, or something like it, holds.
 #[derive(Debug)]
-pub struct Contents<T> {
+pub struct Contents<T, F> {
     /// The head.
     pub head: T,
     /// The memories of methods.
-    pub memories: Vec<Vec<u8>>,
+    pub memories: Memories<F>,
     /// The checksum.
     pub checksum: u32,
 }
 
+/// The memories of methods, which stay in the file until they are read.
+#[derive(Debug)]
+pub struct Memories<F> {
+    input: F,
+    /// Where each of them is \[bytes\].
+    places: Vec<Range<u64>>,
+}
+
+impl<F: Read + Seek> Memories<F> {
+    /// How many there are.
+    pub fn count(&self) -> usize {
+        self.places.len()
+    }
+
+    /// One of them.
+    ///
+    /// # Errors
+    /// Those of the file system.
+    pub fn open(&mut self, number: usize) -> io::Result<impl Read> {
+        let Range { start, end } = self.places[number];
+        self.input.seek(SeekFrom::Start(start))?;
+        Ok(BufReader::with_capacity(1 << 18, &mut self.input).take(end - start))
+    }
+}
+
 impl Format {
-    /// Writes a durable file; each memory is made when it is its turn.
+    /// Writes a durable file with this number of memories, each of which `save` writes.
     ///
     /// # Errors
     /// Those of the file system and of the memories.
@@ -52,87 +76,95 @@ impl Format {
         &self,
         path: &Path,
         head: &impl Serialize,
-        memories: &mut dyn Iterator<Item = io::Result<Vec<u8>>>,
+        memories: usize,
+        save: &dyn Fn(usize, &mut dyn Write) -> io::Result<()>,
     ) -> io::Result<()> {
-        let head = postcard::to_stdvec(head).map_err(io::Error::other)?;
-        let mut output =
-            Checksummed { output: BufWriter::new(safe_file::create(path)?), checksum: crc32fast::Hasher::new() };
-        output.put(format!("{}{}\n", self.beginning(), env!("CARGO_PKG_VERSION")).as_bytes())?;
-        output.put(&head)?;
-        for memory in memories {
-            let memory = memory?;
-            output.put(&(memory.len() as u64).to_le_bytes())?;
-            output.put(&memory)?;
+        let output = BufWriter::new(safe_file::create(path)?);
+        let mut output = Checksummed { output, checksum: crc32fast::Hasher::new(), length: 0 };
+        output.write_all(format!("{}{}\n", self.beginning(), env!("CARGO_PKG_VERSION")).as_bytes())?;
+        output.write_all(&postcard::to_stdvec(head).map_err(io::Error::other)?)?;
+        let mut lengths = Vec::with_capacity(memories);
+        for number in 0..memories {
+            let before = output.length;
+            save(number, &mut output)?;
+            lengths.push(output.length - before);
         }
-        let Checksummed { mut output, checksum } = output;
+        for number in lengths.iter().copied().chain([memories as u64]) {
+            output.write_all(&number.to_le_bytes())?;
+        }
+        let Checksummed { mut output, checksum, .. } = output;
         output.write_all(&checksum.finalize().to_le_bytes())?;
         output.into_inner().map_err(io::IntoInnerError::into_error)?.sync_all()
     }
 
-    /// Reads a file.
+    /// Reads a file but for the memories.
     ///
     /// # Errors
     /// In words, if it is damaged or was written by another version.
-    pub fn read<T: DeserializeOwned>(&self, path: &Path) -> Result<Contents<T>, String> {
-        let words = |error: io::Error| error.to_string();
-        let mut file = safe_file::open(path).map_err(words)?;
-        // Only once beginning and checksum are right is memory taken: a file may be a hole of a terabyte.
-        self.check(&mut file)?;
-        file.rewind().map_err(words)?;
-        let mut bytes = Vec::new();
-        file.read_to_end(&mut bytes).map_err(words)?;
-        self.parse(&bytes)
-    }
-
-    /// Whether a file begins as one of this format, and whether its checksum is right.
-    fn check(&self, file: &mut File) -> Result<(), String> {
-        let words = |error: io::Error| error.to_string();
-        let length = file.metadata().map_err(words)?.len();
-        let mut input = BufReader::with_capacity(1 << 18, file);
-        let mut beginning = Vec::new();
-        input.by_ref().take(LONGEST_BEGINNING).read_to_end(&mut beginning).map_err(words)?;
-        self.after_first_line(&beginning)?;
-        let mut checksum = crc32fast::Hasher::new();
-        checksum.update(&beginning);
-        // Of the last four bytes too: the checksum of a text and its checksum is always the same.
-        let mut chunk = vec![0; 1 << 16];
-        let mut left = length.saturating_sub(beginning.len() as u64);
-        while left > 0 {
-            let part = &mut chunk[..left.min(1 << 16) as usize];
-            input.read_exact(part).map_err(words)?;
-            checksum.update(part);
-            left -= part.len() as u64;
-        }
-        if checksum.finalize() == RESIDUE { Ok(()) } else { Err(DAMAGED.into()) }
+    pub fn read<T: DeserializeOwned>(&self, path: &Path) -> Result<Contents<T, File>, String> {
+        self.read_from(safe_file::open(path).map_err(in_words)?)
     }
 
     /// What a file of these bytes holds.
     ///
     /// # Errors
     /// As [`Format::read`].
-    pub fn parse<T: DeserializeOwned>(&self, bytes: &[u8]) -> Result<Contents<T>, String> {
-        let body = self.after_first_line(bytes)?;
-        let damaged = || DAMAGED.to_string();
-        let (contents, checksum) = bytes.split_last_chunk::<4>().ok_or_else(damaged)?;
-        let checksum = u32::from_le_bytes(*checksum);
-        if crc32fast::hash(contents) != checksum {
-            return Err(damaged());
+    pub fn parse<'a, T: DeserializeOwned>(&self, bytes: &'a [u8]) -> Result<Contents<T, Cursor<&'a [u8]>>, String> {
+        self.read_from(Cursor::new(bytes))
+    }
+
+    fn read_from<T: DeserializeOwned, F: Read + Seek>(&self, mut input: F) -> Result<Contents<T, F>, String> {
+        // Only once beginning and checksum are right is memory taken: a file may be a hole of a terabyte.
+        let Checked { begin, end, checksum } = self.check(&mut input)?;
+        let cut_off = || "the memory of a method is cut off".to_string();
+        let mut number_before = |end: u64| -> Result<u64, String> {
+            let place = end.checked_sub(8).filter(|&place| place >= begin).ok_or_else(cut_off)?;
+            let mut bytes = [0; 8];
+            input.seek(SeekFrom::Start(place)).and_then(|_| input.read_exact(&mut bytes)).map_err(in_words)?;
+            Ok(u64::from_le_bytes(bytes))
+        };
+        let count = number_before(end)?;
+        let table = count.checked_mul(8).and_then(|bytes| (end - 8).checked_sub(bytes)).ok_or_else(cut_off)?;
+        let (mut places, mut last) = (Vec::new(), table);
+        for number in (0..count).rev() {
+            let length = number_before(table + 8 * (number + 1))?;
+            let first = last.checked_sub(length).filter(|&first| first >= begin).ok_or_else(cut_off)?;
+            places.push(first..last);
+            last = first;
         }
-        let body = body.split_last_chunk::<4>().ok_or_else(damaged)?.0;
-        let (head, mut rest): (T, _) =
-            postcard::take_from_bytes(body).map_err(|error| format!("it cannot be understood: {error}"))?;
-        let mut memories = Vec::new();
-        while let Some((length, after)) = rest.split_first_chunk::<8>() {
-            let length = usize::try_from(u64::from_le_bytes(*length)).ok().filter(|&length| length <= after.len());
-            let (memory, after) = after.split_at(length.ok_or("the memory of a method is cut off")?);
-            memories.push(memory.to_vec());
-            rest = after;
+        places.reverse();
+        let mut head = Vec::new();
+        input.seek(SeekFrom::Start(begin)).map_err(in_words)?;
+        input.by_ref().take(last - begin).read_to_end(&mut head).map_err(in_words)?;
+        match postcard::take_from_bytes(&head) {
+            Ok((head, [])) => Ok(Contents { head, memories: Memories { input, places }, checksum }),
+            Ok(_) => Err("there is something behind its end".into()),
+            Err(error) => Err(format!("it cannot be understood: {error}")),
         }
-        if rest.is_empty() {
-            Ok(Contents { head, memories, checksum })
-        } else {
-            Err("there is something behind its end".into())
+    }
+
+    /// Fails unless it begins as one of this format and its checksum is right.
+    fn check(&self, input: &mut (impl Read + Seek)) -> Result<Checked, String> {
+        let length = input.seek(SeekFrom::End(0)).map_err(in_words)?;
+        input.rewind().map_err(in_words)?;
+        let mut input = BufReader::with_capacity(1 << 18, input);
+        let mut beginning = Vec::new();
+        input.by_ref().take(LONGEST_BEGINNING).read_to_end(&mut beginning).map_err(in_words)?;
+        let begin = (beginning.len() - self.after_first_line(&beginning)?.len()) as u64;
+        let end = length.checked_sub(4).filter(|&end| end >= begin).ok_or(DAMAGED)?;
+        let (mut of_contents, mut chunk) = (crc32fast::Hasher::new(), vec![0; 1 << 16]);
+        input.rewind().map_err(in_words)?;
+        let mut left = end;
+        while left > 0 {
+            let part = &mut chunk[..left.min(1 << 16) as usize];
+            input.read_exact(part).map_err(in_words)?;
+            of_contents.update(part);
+            left -= part.len() as u64;
         }
+        let mut last = [0; 4];
+        input.read_exact(&mut last).map_err(in_words)?;
+        let checksum = u32::from_le_bytes(last);
+        if of_contents.finalize() == checksum { Ok(Checked { begin, end, checksum }) } else { Err(DAMAGED.into()) }
     }
 
     /// The first line up to the version.
@@ -160,15 +192,36 @@ impl Format {
     }
 }
 
+/// Where the contents of a file are, whose checksum is right.
+struct Checked {
+    /// Behind the first line \[bytes\].
+    begin: u64,
+    /// Before the checksum \[bytes\].
+    end: u64,
+    checksum: u32,
+}
+
+fn in_words(error: io::Error) -> String {
+    error.to_string()
+}
+
 /// An output, and the checksum of what went into it.
 struct Checksummed<W> {
     output: W,
     checksum: crc32fast::Hasher,
+    /// Bytes so far.
+    length: u64,
 }
 
-impl<W: Write> Checksummed<W> {
-    fn put(&mut self, bytes: &[u8]) -> io::Result<()> {
-        self.checksum.update(bytes);
-        self.output.write_all(bytes)
+impl<W: Write> Write for Checksummed<W> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let written = self.output.write(bytes)?;
+        self.checksum.update(&bytes[..written]);
+        self.length += written as u64;
+        Ok(written)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.output.flush()
     }
 }

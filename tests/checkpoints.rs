@@ -167,10 +167,10 @@ fn what_is_of_another_version_or_scenario_is_refused_and_stays() {
         all.iter().zip(&originals).for_each(|(path, bytes)| fs::write(path, change(bytes)).unwrap());
     };
     let version = format!("version {}\n", env!("CARGO_PKG_VERSION"));
-    replace(&|bytes| [b"isobar checkpoint 7, version 0.0.1\x1b[2J\n", &bytes[28 + version.len()..]].concat());
+    replace(&|bytes| [b"isobar checkpoint 8, version 0.0.1\x1b[2J\n", &bytes[28 + version.len()..]].concat());
     let refused = refusal(parent.path());
     assert!(refused.contains("written by isobar 0.0.1\\u{1b}[2J, and this is"), "{refused}");
-    replace(&|bytes| [b"isobar checkpoint 1, ", &bytes[b"isobar checkpoint 7, ".len()..]].concat());
+    replace(&|bytes| [b"isobar checkpoint 1, ", &bytes[b"isobar checkpoint 8, ".len()..]].concat());
     let refused = refusal(parent.path());
     assert!(refused.contains("it is a checkpoint of another format"), "{refused}");
     replace(&|bytes| b"something else\n".iter().chain(bytes).copied().collect());

@@ -271,7 +271,7 @@ fn only_the_state_of_a_complete_run_of_this_version_is_gone_on_from() {
         (&|bytes| bytes.iter().rev().copied().collect(), "final_state.bin: it is not a final state"),
         (&|bytes| [b"isobar final state 0", &bytes[20..]].concat(), "it is a final state of another format"),
         (
-            &|bytes| [b"isobar final state 3, version 0.0.1", &bytes[first_line..]].concat(),
+            &|bytes| [b"isobar final state 4, version 0.0.1", &bytes[first_line..]].concat(),
             "written by isobar 0.0.1, and",
         ),
         (

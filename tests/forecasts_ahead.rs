@@ -17,6 +17,7 @@ use isobar_obs::ObservationWindow;
 use netcdf_reader::NcFile;
 use std::collections::BTreeMap;
 use std::fs;
+use std::io::{Read, Write};
 
 const FORECAST: &str = "[forecast]\nlead_hours = 36\nevery_hours = 12\n";
 const EVERY_CYCLE: &str = "[forecast]\nlead_hours = 18\n";
@@ -339,12 +340,12 @@ impl Assimilator for Weary {
         Box::new(self.clone())
     }
 
-    fn memory(&self) -> Result<Vec<u8>, Error> {
-        self.0.memory()
+    fn save(&self, to: &mut dyn Write) -> Result<(), Error> {
+        self.0.save(to)
     }
 
-    fn recall(&mut self, memory: &[u8]) -> Result<(), Error> {
-        self.0.recall(memory)
+    fn recall(&mut self, from: &mut dyn Read) -> Result<(), Error> {
+        self.0.recall(from)
     }
 }
 

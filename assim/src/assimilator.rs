@@ -10,6 +10,7 @@ use crate::structure::BlockStructure;
 use faer::MatRef;
 use isobar_model::Duration;
 use isobar_obs::ObservationWindow;
+use std::io::{Read, Write};
 
 /// A data-assimilation method in its cycle.
 pub trait Assimilator: Send {
@@ -30,18 +31,30 @@ pub trait Assimilator: Send {
     fn boxed_clone(&self) -> Box<dyn Assimilator>;
 
     /// Everything that the next cycles depend on and that problem and settings do not contain: estimates, covariances,
-    /// positions in random streams.
+    /// positions in random streams. What is written is found by its own end: [`Assimilator::recall`] reads no more.
+    ///
+    /// Where several ranks compute a run, all of them call this, and only what rank 0 writes is complete.
     ///
     /// # Errors
     /// [`Error::Memory`].
-    fn memory(&self) -> Result<Vec<u8>, Error>;
+    fn save(&self, to: &mut dyn Write) -> Result<(), Error>;
 
-    /// Takes over the [`Assimilator::memory`] of a method with the same problem and settings; the cycles that follow are
-    /// then the same to the bit.
+    /// Takes over what [`Assimilator::save`] of a method with the same problem and settings has written; the cycles that follow
+    /// are then the same to the bit.
     ///
     /// # Errors
     /// [`Error::Memory`] if it does not fit; the method must then not be used any more.
-    fn recall(&mut self, memory: &[u8]) -> Result<(), Error>;
+    fn recall(&mut self, from: &mut dyn Read) -> Result<(), Error>;
+
+    /// The bytes that [`Assimilator::save`] writes.
+    ///
+    /// # Errors
+    /// As [`Assimilator::save`].
+    fn memory(&self) -> Result<Vec<u8>, Error> {
+        let mut bytes = Vec::new();
+        self.save(&mut bytes)?;
+        Ok(bytes)
+    }
 
     /// What can be asked of the method beside its estimates. No result of a cycle depends on it.
     fn can(&self) -> Views<'_> {

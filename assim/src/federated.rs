@@ -11,12 +11,13 @@ use crate::errors::blocks::BlockErrors;
 use crate::errors::dense::Dense;
 use crate::estimate::{Analysis, Background, Estimate};
 use crate::filter::{Errors, Filter};
-use crate::memory::{from_bytes, require, to_bytes};
+use crate::memory::{read, require, write};
 use crate::problem::{Innovations, Problem};
 use faer::MatRef;
 use isobar_model::{Duration, TangentLinear};
 use isobar_obs::{Calibration, ObservationWindow};
 use rayon::prelude::*;
+use std::io::{Read, Write};
 use system::observations_of;
 
 /// How the filter is divided.
@@ -254,19 +255,20 @@ impl<E: Fusible> Assimilator for FederatedFilter<E> {
         Box::new(self.clone())
     }
 
-    fn memory(&self) -> Result<Vec<u8>, Error> {
+    fn save(&self, to: &mut dyn Write) -> Result<(), Error> {
         let Filters { master, local } = &self.filters;
-        let local = local.iter().map(|local| local.filter.memory()).collect::<Result<Vec<_>, _>>()?;
-        to_bytes(&(master.memory()?, local, self.cycle))
+        write(&(local.len(), self.cycle), to)?;
+        master.save(to)?;
+        local.iter().try_for_each(|local| local.filter.save(to))
     }
 
-    fn recall(&mut self, memory: &[u8]) -> Result<(), Error> {
-        let (master, local, cycle): (Vec<u8>, Vec<Vec<u8>>, usize) = from_bytes(memory)?;
-        require(local.len() == self.filters.local.len(), "the number of local filters")?;
-        self.filters.master.recall(&master)?;
-        self.filters.local.iter_mut().zip(&local).try_for_each(|(local, memory)| local.filter.recall(memory))?;
+    fn recall(&mut self, from: &mut dyn Read) -> Result<(), Error> {
+        let (count, cycle): (usize, usize) = read(from)?;
+        let Filters { master, local } = &mut self.filters;
+        require(count == local.len(), "the number of local filters")?;
         self.cycle = cycle;
-        Ok(())
+        master.recall(from)?;
+        local.iter_mut().try_for_each(|local| local.filter.recall(from))
     }
 
     fn can(&self) -> Views<'_> {

@@ -12,15 +12,13 @@ use crate::error::Error;
 use crate::estimate::{Analysis, Background, Estimate};
 use crate::estimated::{EstimatedParameter, EstimatesParameters};
 use crate::fixed_lag::PastAnalyses;
-use crate::memory::{from_bytes, to_bytes};
+use crate::memory::{read, write};
 use crate::problem::{Innovations, Problem, steps};
 use crate::structure::{BlockStructure, Structure};
 use faer::{Mat, MatRef};
 use isobar_model::{Duration, Model, TangentLinear};
 use isobar_obs::{Calibration, ObservationWindow};
-use serde::Serialize;
-use serde::de::DeserializeOwned;
-use std::borrow::Cow;
+use std::io::{Read, Write};
 use std::sync::Arc;
 
 /// A Kalman filter on the augmented state s = (x, c), where the calibration parameters c are unknowns like the values of
@@ -54,7 +52,7 @@ pub(crate) struct Belief<E> {
 /// A form in which the covariance P of the errors of s = (x, c) is kept, `[m + p, m + p]`.
 pub(crate) trait Errors: Clone + Send + Sync + 'static {
     /// What changes from cycle to cycle.
-    type Memory: Serialize + DeserializeOwned + Clone;
+    type Memory: Clone;
 
     /// The name of the covariance, for messages.
     const NAME: &'static str;
@@ -99,12 +97,17 @@ pub(crate) trait Errors: Clone + Send + Sync + 'static {
     /// If the covariance is not positive definite.
     fn replace_calibration(&mut self, covariance: MatRef<'_, f64>) -> Result<(), Error>;
 
-    fn memory(&self) -> &Self::Memory;
+    /// Writes what changes from cycle to cycle; only what rank 0 writes is complete. Collective.
+    ///
+    /// # Errors
+    /// [`Error::Memory`].
+    fn save(&self, to: &mut dyn Write) -> Result<(), Error>;
 
-    /// That of all ranks, on rank 0. Collective.
-    fn gathered_memory(&self) -> Cow<'_, Self::Memory> {
-        Cow::Borrowed(self.memory())
-    }
+    /// What [`Errors::save`] has written, as far as this rank has it.
+    ///
+    /// # Errors
+    /// [`Error::Memory`].
+    fn read(&self, from: &mut dyn Read) -> Result<Self::Memory, Error>;
 
     /// Takes over the memory of the same form of the same size, of errors of estimates like `s`.
     ///
@@ -243,15 +246,18 @@ impl<E: Errors> Assimilator for Filter<E> {
         Box::new(self.clone())
     }
 
-    fn memory(&self) -> Result<Vec<u8>, Error> {
-        to_bytes(&(&self.belief.s, &*self.belief.errors.gathered_memory()))
+    fn save(&self, to: &mut dyn Write) -> Result<(), Error> {
+        write(&self.belief.s, to)?;
+        self.belief.errors.save(to)
     }
 
-    fn recall(&mut self, memory: &[u8]) -> Result<(), Error> {
-        let (s, errors): (Augmented, E::Memory) = from_bytes(memory)?;
+    fn recall(&mut self, from: &mut dyn Read) -> Result<(), Error> {
+        let s: Augmented = read(from)?;
         s.require_like(&self.belief.s)?;
-        self.belief.s = s;
-        self.belief.errors.recall(errors, &self.belief.s)
+        let Belief { s: own, errors } = &mut self.belief;
+        *own = s;
+        let memory = errors.read(from)?;
+        errors.recall(memory, own)
     }
 
     fn can(&self) -> Views<'_> {

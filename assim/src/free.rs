@@ -4,10 +4,11 @@ use crate::assimilator::Assimilator;
 use crate::augmented::Augmented;
 use crate::error::Error;
 use crate::estimate::{Analysis, Background, Estimate};
-use crate::memory::{from_bytes, to_bytes};
+use crate::memory::{read, write};
 use crate::problem::{Problem, steps};
 use isobar_model::{Duration, Model, forecast};
 use isobar_obs::ObservationWindow;
+use std::io::{Read, Write};
 
 /// The free run: the error that every method must beat.
 #[derive(Clone)]
@@ -45,12 +46,12 @@ impl Assimilator for FreeRun {
         Box::new(self.clone())
     }
 
-    fn memory(&self) -> Result<Vec<u8>, Error> {
-        to_bytes(&self.s)
+    fn save(&self, to: &mut dyn Write) -> Result<(), Error> {
+        write(&self.s, to)
     }
 
-    fn recall(&mut self, memory: &[u8]) -> Result<(), Error> {
-        let s: Augmented = from_bytes(memory)?;
+    fn recall(&mut self, from: &mut dyn Read) -> Result<(), Error> {
+        let s: Augmented = read(from)?;
         s.require_like(&self.s)?;
         self.s = s;
         Ok(())

@@ -1,10 +1,14 @@
-//! What a method carries from cycle to cycle, as bytes for a checkpoint.
+//! What a method carries from cycle to cycle, written to a checkpoint and read from it.
+//!
+//! It is written part by part, so that what is large need never be there a second time as bytes.
 
 use crate::error::Error;
 use faer::Mat;
 use serde::de::DeserializeOwned;
 use serde::ser::{SerializeSeq, SerializeStruct};
 use serde::{Deserialize, Serialize, Serializer};
+use std::fmt::Display;
+use std::io::{Read, Write};
 use std::ops::{Deref, DerefMut};
 
 /// A dense matrix that can be part of a memory. It is stored column by column.
@@ -91,22 +95,34 @@ pub(crate) fn require(fits: bool, part: &str) -> Result<(), Error> {
     Err(Error::Memory { reason: format!("{part} does not fit the experiment") })
 }
 
-/// The bytes of a memory.
+/// Writes a part of a memory, with the number of its bytes before it.
 ///
 /// # Errors
 /// [`Error::Memory`].
-pub(crate) fn to_bytes<S: Serialize>(memory: &S) -> Result<Vec<u8>, Error> {
-    postcard::to_stdvec(memory).map_err(|error| Error::Memory { reason: error.to_string() })
+pub(crate) fn write<S: Serialize>(part: &S, to: &mut dyn Write) -> Result<(), Error> {
+    let bytes = postcard::to_stdvec(part).map_err(unusable)?;
+    to.write_all(&(bytes.len() as u64).to_le_bytes()).and_then(|()| to.write_all(&bytes)).map_err(unusable)
 }
 
-/// A memory from its bytes.
+/// Reads a part of a memory that [`write()`] has written.
 ///
 /// # Errors
 /// [`Error::Memory`].
-pub(crate) fn from_bytes<S: DeserializeOwned>(bytes: &[u8]) -> Result<S, Error> {
-    match postcard::take_from_bytes(bytes) {
-        Ok((memory, [])) => Ok(memory),
-        Ok(_) => Err(Error::Memory { reason: "it is too long".into() }),
-        Err(error) => Err(Error::Memory { reason: error.to_string() }),
+pub(crate) fn read<S: DeserializeOwned>(from: &mut dyn Read) -> Result<S, Error> {
+    let mut length = [0; 8];
+    from.read_exact(&mut length).map_err(unusable)?;
+    let (length, mut bytes) = (u64::from_le_bytes(length), Vec::new());
+    from.take(length).read_to_end(&mut bytes).map_err(unusable)?;
+    if bytes.len() as u64 != length {
+        return Err(Error::Memory { reason: "it is cut off".into() });
     }
+    match postcard::take_from_bytes(&bytes) {
+        Ok((part, [])) => Ok(part),
+        Ok(_) => Err(Error::Memory { reason: "a part of it is too long".into() }),
+        Err(error) => Err(unusable(error)),
+    }
+}
+
+fn unusable(error: impl Display) -> Error {
+    Error::Memory { reason: error.to_string() }
 }

@@ -6,13 +6,14 @@ use crate::covariance;
 use crate::error::Error;
 use crate::estimate::{Analysis, Background};
 use crate::linalg::{cholesky, column, product, solve_lower, solve_lower_transposed, squared_norm};
-use crate::memory::{from_bytes, to_bytes};
+use crate::memory::{read, write};
 use crate::problem::{Innovations, Problem};
 use crate::spread::standard_deviations;
 use faer::Mat;
 use isobar_model::{Duration, Model};
 use isobar_obs::ObservationWindow;
 use rayon::prelude::*;
+use std::io::{Read, Write};
 
 /// The best linear estimate with a background covariance s B that never changes (Gandin 1963; Lorenc 1981), in the space
 /// of the observations:
@@ -124,12 +125,12 @@ impl Assimilator for OptimalInterpolation {
         Box::new(self.clone())
     }
 
-    fn memory(&self) -> Result<Vec<u8>, Error> {
-        to_bytes(&self.present)
+    fn save(&self, to: &mut dyn Write) -> Result<(), Error> {
+        write(&self.present, to)
     }
 
-    fn recall(&mut self, memory: &[u8]) -> Result<(), Error> {
-        let present: CalibratedState = from_bytes(memory)?;
+    fn recall(&mut self, from: &mut dyn Read) -> Result<(), Error> {
+        let present: CalibratedState = read(from)?;
         present.require_like(&self.present)?;
         self.present = present;
         Ok(())

@@ -278,7 +278,7 @@ fn a_method_goes_on_to_the_same_bits_from_what_it_has_saved() {
     let (mut whole, mut begun, mut resumed) = (new(), new(), new());
     for (cycle, observed) in windows.iter().enumerate() {
         if cycle == 3 {
-            resumed.recall(&begun.memory().unwrap()).unwrap();
+            resumed.recall(&mut &begun.memory().unwrap()[..]).unwrap();
         }
         let method = if cycle < 3 { &mut begun } else { &mut resumed };
         let from = whole.forecast(WINDOW).unwrap();

@@ -229,7 +229,7 @@ fn a_window_of_four_d_var_keeps_the_times_of_its_observations_over_a_checkpoint(
     let first = seen(&problem, &problem.background, &hours(&problem, 1, &[1.0, 2.5, 6.0]));
     let start = analysed(&mut method, &first).state;
     let mut again = build();
-    again.recall(&method.memory().unwrap()).unwrap();
+    again.recall(&mut &method.memory().unwrap()[..]).unwrap();
     let second = seen(&problem, &start, &hours(&problem, 2, &[1.0, 2.5, 6.0]));
     let [a, b] = [&mut method, &mut again].map(|method| analysed(method, &second));
     assert_eq!((a.state.values(), &a.calibration), (b.state.values(), &b.calibration));

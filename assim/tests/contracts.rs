@@ -25,6 +25,7 @@ use isobar_assim::{
 };
 use isobar_model::{Duration, Time};
 use isobar_obs::ObservationWindow;
+use std::io::{Read, Write};
 use std::sync::Arc;
 
 fn trial(
@@ -224,12 +225,12 @@ impl Assimilator for Broken {
         Box::new(self.clone())
     }
 
-    fn memory(&self) -> Result<Vec<u8>, Error> {
-        self.method.memory()
+    fn save(&self, to: &mut dyn Write) -> Result<(), Error> {
+        self.method.save(to)
     }
 
-    fn recall(&mut self, memory: &[u8]) -> Result<(), Error> {
-        self.method.recall(memory)
+    fn recall(&mut self, from: &mut dyn Read) -> Result<(), Error> {
+        self.method.recall(from)
     }
 
     fn can(&self) -> Views<'_> {

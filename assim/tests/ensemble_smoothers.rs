@@ -212,7 +212,7 @@ fn it_is_the_same_bits_on_any_number_of_threads_and_from_its_memory() {
                     if interrupted {
                         let memory = method.memory().unwrap();
                         method = build();
-                        method.recall(&memory).unwrap();
+                        method.recall(&mut &memory[..]).unwrap();
                     }
                 }
                 found
@@ -220,7 +220,7 @@ fn it_is_the_same_bits_on_any_number_of_threads_and_from_its_memory() {
         };
         let once = run(1, false);
         assert!(once == run(3, false) && once == run(1, true));
-        assert!(matches!(build().recall(&[1, 2, 3]), Err(Error::Memory { .. })));
+        assert!(matches!(build().recall(&mut &[1_u8, 2, 3][..]), Err(Error::Memory { .. })));
     }
 }
 

@@ -218,7 +218,7 @@ fn its_results_are_the_same_bits_on_any_number_of_threads_and_from_its_memory() 
                 if interrupted {
                     let memory = filter.memory().unwrap();
                     filter = fast(&problem, Some(2), cells(9));
-                    filter.recall(&memory).unwrap();
+                    filter.recall(&mut &memory[..]).unwrap();
                 }
             }
             estimates

@@ -63,7 +63,7 @@ fn every_method_carries_a_forcing_on_from_cycle_to_cycle() {
             }
             let memory = other.memory().unwrap();
             other = build_forced();
-            other.recall(&memory).unwrap();
+            other.recall(&mut &memory[..]).unwrap();
             assert!(isobar_model::vector::norm(effect.values()) > 1.0);
         }
         let (mut ahead, mut ahead_other) = (method.boxed_clone(), other.boxed_clone());

@@ -224,7 +224,7 @@ fn methods_start_from_the_batch() {
             let from = method.forecast(WINDOW).unwrap();
             // A checkpoint in the middle changes nothing.
             let saved = method.memory().unwrap();
-            method.recall(&saved).unwrap();
+            method.recall(&mut &saved[..]).unwrap();
             results.push(method.analyse(&from, &observed).unwrap());
             assert_eq!(parameters(&*method).len(), if cycle == SETTINGS.cycles { 2 } else { 0 });
         }

@@ -241,7 +241,7 @@ fn in_single_precision_it_is_the_kalman_filter_to_that_precision() {
         assert!(apart > 1e-9, "nothing is rounded");
         let [of_single, of_double] = [&single, &double].map(|filter| filter.memory().unwrap().len());
         assert!((of_single as f64) < 0.6 * of_double as f64, "{of_single} {of_double}");
-        assert!(double.recall(&single.memory().unwrap()).is_err());
+        assert!(double.recall(&mut &single.memory().unwrap()[..]).is_err());
     }
 }
 

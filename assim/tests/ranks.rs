@@ -91,7 +91,7 @@ fn check(name: &str, build: &Build, tolerance: f64) {
             let mut method = build(shared.clone()).unwrap();
             let analyses = run(&mut *method, &problem, 1..=CYCLES);
             let mut resumed = build(shared).unwrap();
-            resumed.recall(&saved).unwrap();
+            resumed.recall(&mut &saved[..]).unwrap();
             let columns = columns(&*method);
             (analyses, run(&mut *resumed, &problem, 3..=CYCLES), method.memory().unwrap(), columns)
         });
@@ -105,7 +105,7 @@ fn check(name: &str, build: &Build, tolerance: f64) {
         }
         // What rank 0 saves is the memory of the whole.
         let mut continued = build(problem.clone()).unwrap();
-        continued.recall(&found[0].2).unwrap();
+        continued.recall(&mut &found[0].2[..]).unwrap();
         let [next, expected] = [&mut continued, &mut alone].map(|method| {
             let mut copy = method.boxed_clone();
             run(&mut *copy, &problem, CYCLES + 1..=CYCLES + 1)

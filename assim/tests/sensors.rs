@@ -209,7 +209,7 @@ fn filters_with_knowledge_of_their_sensors_equal_the_recursion_with_whole_matric
                 let saved = filter.memory().unwrap();
                 let fresh = methods(&problem).into_iter().find(|other| other.0 == name).unwrap().1;
                 filter = Calibrated::new(fresh, &problem.calibration, START, knowledge.clone());
-                filter.recall(&saved).unwrap();
+                filter.recall(&mut &saved[..]).unwrap();
                 assert_eq!(filter.frozen(), [false, true, true, false, false]);
             }
             let accuracy = accuracy(&filter).unwrap();

@@ -104,7 +104,7 @@ fn the_same_bits_on_any_number_of_threads_and_after_an_interruption() {
                 if interrupted {
                     let saved = filter.memory().unwrap();
                     filter = new();
-                    filter.recall(&saved).unwrap();
+                    filter.recall(&mut &saved[..]).unwrap();
                 }
             }
             bits
@@ -114,7 +114,7 @@ fn the_same_bits_on_any_number_of_threads_and_after_an_interruption() {
     assert_eq!(run(2, false), expected);
     assert_eq!(run(8, true), expected);
     let mut double = filter(&problem, 14, Residual::Probe { count: 3 }, Precision::Double);
-    assert!(matches!(double.recall(&new().memory().unwrap()), Err(Error::Memory { .. })));
+    assert!(matches!(double.recall(&mut &new().memory().unwrap()[..]), Err(Error::Memory { .. })));
 }
 
 #[test]

@@ -229,7 +229,7 @@ fn a_smoother_goes_on_from_its_memory_to_the_same_bits() {
         let mut method = make();
         (1..=4).for_each(|number| drop(cycle(&mut *method, &problem, number)));
         let mut other = make();
-        other.recall(&method.memory().unwrap()).unwrap();
+        other.recall(&mut &method.memory().unwrap()[..]).unwrap();
         for number in 5..=CYCLES {
             assert_eq!(cycle(&mut *method, &problem, number), cycle(&mut *other, &problem, number));
             for ago in 0..=3 {
@@ -238,7 +238,7 @@ fn a_smoother_goes_on_from_its_memory_to_the_same_bits() {
             }
         }
         let mut short = make();
-        assert!(matches!(short.recall(&[1, 2, 3]), Err(Error::Memory { .. })));
+        assert!(matches!(short.recall(&mut &[1_u8, 2, 3][..]), Err(Error::Memory { .. })));
     }
 }
 

@@ -133,7 +133,7 @@ fn run(seed: u64, true_wind: (f64, f64)) -> (f64, f64, Vec<isobar_assim::Estimat
             // A checkpoint changes nothing, corrected model included.
             let saved = corrected.memory().unwrap();
             corrected = volume(&problem, None);
-            corrected.recall(&saved).unwrap();
+            corrected.recall(&mut &saved[..]).unwrap();
         }
     }
     (squares[0], squares[1], parameters(&corrected))

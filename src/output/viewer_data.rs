@@ -26,7 +26,7 @@ use std::sync::Arc;
 /// Name of the file in a run's directory.
 pub const VIEWER_DATA_FILE: &str = "viewer_data.bin";
 
-const FORMAT: Format = Format { name: "file of viewer data", number: 1 };
+const FORMAT: Format = Format { name: "file of viewer data", number: 2 };
 
 /// The most cells on a side of a map, the first of these with which all maps of the run take less than [`MAPS_BYTES`].
 const MAP_CELLS: [usize; 5] = [256, 192, 128, 96, 64];
@@ -64,7 +64,7 @@ impl ViewerData {
     /// Those of the file system.
     pub fn write(&self, path: &Path) -> io::Result<()> {
         let History { info, cycles, parameters, verdicts, .. } = &self.history;
-        FORMAT.write(path, &(info, cycles, parameters, verdicts), &mut std::iter::empty())
+        FORMAT.write(path, &(info, cycles, parameters, verdicts), 0, &|_, _| Ok(()))
     }
 
     /// Reads a file.

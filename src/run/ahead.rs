@@ -15,6 +15,7 @@ use isobar_assim::{Assimilator, Error, Estimate};
 use isobar_model::Duration;
 use isobar_model::communicator::Communicator;
 use serde::{Deserialize, Serialize};
+use std::io::{self, Write};
 
 /// Parts of the memory limit that a method with forecasts ahead needs, each as large as what it carries from cycle to cycle:
 /// that, a copy of it, and what the copy's forecast takes.
@@ -103,14 +104,30 @@ pub fn require_room(method: &dyn Assimilator, limit_bytes: u64, communicator: &d
     if limit_bytes == u64::MAX {
         return Ok(());
     }
-    // Rank 0 has the whole memory.
-    let of_all = communicator.of_first(vec![method.memory()?.len() as f64])[0] as u64;
+    // Rank 0 writes the whole memory.
+    let mut counted = Counted(0);
+    method.save(&mut counted)?;
+    let of_all = communicator.of_first(vec![counted.0 as f64])[0] as u64;
     let needed_bytes = PARTS * of_all.div_ceil(communicator.ranks() as u64);
     if needed_bytes <= limit_bytes {
         return Ok(());
     }
     let what = "a copy of the method that forecasts ahead beside it";
     Err(Error::TooLarge { what: what.into(), needed_bytes, limit_bytes })
+}
+
+/// Counts the bytes that are written, and forgets them.
+struct Counted(u64);
+
+impl Write for Counted {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.0 += bytes.len() as u64;
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
 }
 
 #[cfg(test)]

@@ -16,6 +16,7 @@ use isobar_obs::{Calibration, ObservationWindow, TimedObservations};
 use serde::{Deserialize, Serialize};
 use std::any::Any;
 use std::borrow::Cow;
+use std::io::Read;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::time::Instant;
@@ -257,21 +258,17 @@ impl Runner {
         &self.progress
     }
 
-    /// The method's memory, for a checkpoint.
-    ///
-    /// # Errors
-    /// Those of the method.
-    pub fn save(&self) -> Result<Vec<u8>, Error> {
-        self.method.memory()
-    }
-
-    /// Sets a method that has just been built back to its memory and progress in a checkpoint.
+    /// Sets a method that has just been built back to its memory, all that is read, and its progress in a checkpoint.
     ///
     /// # Errors
     /// Those of the method, if it is of another one.
-    pub fn restore(&mut self, method: &[u8], saved: Progress, layout: &Layout) -> Result<(), Error> {
-        let (result, used) = memory::measured(|| self.method.recall(method));
+    pub fn restore(&mut self, from: &mut dyn Read, saved: Progress, layout: &Layout) -> Result<(), Error> {
+        let (result, used) = memory::measured(|| self.method.recall(from));
         self.account(used);
+        result?;
+        if !matches!(from.read(&mut [0]), Ok(0)) {
+            return Err(Error::Memory { reason: "it is too long".into() });
+        }
         if !saved.watch.fits(layout) || !saved.verdicts.fits(self.method.frozen().len()) {
             return Err(Error::Memory { reason: "the stability monitor does not fit the experiment".into() });
         }
@@ -282,7 +279,7 @@ impl Runner {
         }
         let peak_bytes = self.progress.peak_bytes.max(saved.peak_bytes);
         self.progress = Progress { peak_bytes, ..saved };
-        result
+        Ok(())
     }
 
     fn account(&mut self, memory: Memory) {

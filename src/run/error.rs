@@ -6,6 +6,7 @@ use super::truth::TruthError;
 use crate::output::SinkError;
 use crate::text::shown_path;
 use isobar_model::communicator::RankFailure;
+use std::io;
 use std::path::PathBuf;
 
 /// Why a run ended early.
@@ -83,7 +84,7 @@ pub enum RunError {
     },
     /// The memory of a method of which rank 0 writes a checkpoint or the final state.
     #[error("a method cannot be saved: {0}")]
-    Unsaved(isobar_assim::Error),
+    Unsaved(io::Error),
 }
 
 impl From<ExperimentError> for RunError {

@@ -259,7 +259,7 @@ fn resume(
 ) -> Result<(RunScores, usize), RunError> {
     let (working, is_first) = (&*working::path(out)?, communicator.rank() == 0);
     let refuse = |reason: String| RunError::Resume { directory: working.to_path_buf(), reason };
-    let Newest { checkpoint, memories, damaged } = agreed(communicator, newest(working, plan).map_err(refuse))?;
+    let Newest { checkpoint, mut memories, damaged } = agreed(communicator, newest(working, plan).map_err(refuse))?;
     let (cycle, bytes) = (checkpoint.saved.cycle, checkpoint.journal_bytes);
     let reason = format!("the newest checkpoint that it can read is that of cycle {cycle}, unlike on rank 0");
     same(communicator, cycle as f64, &reason)?;
@@ -274,7 +274,8 @@ fn resume(
         replayed.map_err(|reason| refuse(format!("journal: {reason}")))
     };
     agreed(communicator, replay())?;
-    let scores = checkpoint.restore(&memories, experiment).map_err(|reason| refuse(format!("checkpoint: {reason}")));
+    let scores =
+        checkpoint.restore(&mut memories, experiment).map_err(|reason| refuse(format!("checkpoint: {reason}")));
     let scores = agreed(communicator, scores)?;
     let policy = plan.policy().filter(|_| is_first);
     let keeper = policy.map(|policy| Keeper::resume(working, plan.clone(), policy, cycle, bytes)).transpose();

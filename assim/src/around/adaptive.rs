@@ -6,13 +6,14 @@ use crate::covariance::{Covariance, multiply};
 use crate::error::Error;
 use crate::estimate::{Analysis, Background};
 use crate::estimated::{EstimatedParameter, EstimatesParameters};
-use crate::memory::{from_bytes, to_bytes};
+use crate::memory::{read, write};
 use crate::response::Responder;
 use isobar_model::random::stream;
 use isobar_model::vector::{dot, scale};
 use isobar_model::{Duration, Layout};
 use isobar_obs::{ObservationType, ObservationTypes, ObservationWindow, SparseRows};
 use rand::RngExt;
+use std::io::{Read, Write};
 use std::sync::Arc;
 
 /// Random signs by which traces are estimated in each cycle.
@@ -228,14 +229,15 @@ impl Assimilator for Adaptive {
         Box::new(self.clone())
     }
 
-    fn memory(&self) -> Result<Vec<u8>, Error> {
-        to_bytes(&(self.method.memory()?, &self.factors))
+    fn save(&self, to: &mut dyn Write) -> Result<(), Error> {
+        write(&self.factors, to)?;
+        self.method.save(to)
     }
 
-    fn recall(&mut self, memory: &[u8]) -> Result<(), Error> {
-        let (method, factors): (Vec<u8>, ErrorFactors) = from_bytes(memory)?;
+    fn recall(&mut self, from: &mut dyn Read) -> Result<(), Error> {
+        let factors: ErrorFactors = read(from)?;
         factors.require(self.settings.state_error.as_ref().map(|adapted| adapted.name))?;
-        self.method.recall(&method)?;
+        self.method.recall(from)?;
         self.factors = factors;
         self.apply_state_factor();
         Ok(())

@@ -5,11 +5,12 @@ use crate::error::Error;
 use crate::estimate::{Analysis, Background};
 use crate::estimated::{EstimatedParameter, EstimatesParameters};
 use crate::high_pass::{self, HighPassFilter, HighPassSettings, HighPassSolution, in_words};
-use crate::memory::{Matrix, from_bytes, require, to_bytes};
+use crate::memory::{Matrix, read, require, write};
 use crate::problem::Problem;
 use faer::MatRef;
 use isobar_model::{Duration, Model};
 use isobar_obs::ObservationWindow;
+use std::io::{Read, Write};
 
 /// In the first cycles but one of the batch it only forecasts, from the background with its covariance, while their
 /// observations go to the [`HighPassFilter`]. In the last of them the method is given ĉ and Cov(ĉ) in place of the
@@ -101,19 +102,19 @@ impl Assimilator for Initialised {
         Box::new(self.clone())
     }
 
-    fn memory(&self) -> Result<Vec<u8>, Error> {
-        to_bytes(&(self.inner.memory()?, self.done, Matrix(self.filter.triangle().clone())))
+    fn save(&self, to: &mut dyn Write) -> Result<(), Error> {
+        write(&(self.done, Matrix(self.filter.triangle().clone())), to)?;
+        self.inner.save(to)
     }
 
-    fn recall(&mut self, memory: &[u8]) -> Result<(), Error> {
-        let (inner, done, Matrix(triangle)): (Vec<u8>, usize, Matrix) = from_bytes(memory)?;
-        self.inner.recall(&inner)?;
+    fn recall(&mut self, from: &mut dyn Read) -> Result<(), Error> {
+        let (done, Matrix(triangle)): (usize, Matrix) = read(from)?;
         require(done <= self.cycles, "the number of cycles of the batch")?;
         let columns = self.problem.calibration.len() + 1;
         require(triangle.ncols() == columns && triangle.nrows() <= columns, "what the batch came to")?;
         self.filter.restore(triangle);
         self.done = done;
-        Ok(())
+        self.inner.recall(from)
     }
 
     fn can(&self) -> Views<'_> {

@@ -10,13 +10,14 @@ use crate::covariance_root::CovarianceRoot;
 use crate::error::Error;
 use crate::estimate::{Analysis, Background, Estimate};
 use crate::linalg::{add_symmetric_product, eigen};
-use crate::memory::{Matrix, from_bytes, require, to_bytes};
+use crate::memory::{Matrix, read, require, write};
 use faer::{Mat, MatRef};
 use isobar_model::vector::{add, multiply};
 use isobar_model::{Duration, State, Time};
 use isobar_obs::{Calibration, ObservationWindow};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
+use std::io::{Read, Write};
 
 /// A sensor's announced recalibration: from a time on its bias is another, b ← b + u, with u known to a standard deviation.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -353,21 +354,21 @@ impl Assimilator for Calibrated {
         Box::new(self.clone())
     }
 
-    fn memory(&self) -> Result<Vec<u8>, Error> {
-        to_bytes(&(self.method.memory()?, &self.memory))
+    fn save(&self, to: &mut dyn Write) -> Result<(), Error> {
+        write(&self.memory, to)?;
+        self.method.save(to)
     }
 
-    fn recall(&mut self, memory: &[u8]) -> Result<(), Error> {
-        let (method, memory): (Vec<u8>, Memory) = from_bytes(memory)?;
+    fn recall(&mut self, from: &mut dyn Read) -> Result<(), Error> {
+        let memory: Memory = read(from)?;
         let p = self.calibration.len();
         let Memory { offset, prior_mean, estimate, frozen, would_be, .. } = &memory;
         let lengths = [offset.len(), prior_mean.len(), estimate.len(), frozen.len(), would_be.len()];
         let past_fits = memory.past_offsets.iter().all(|offset| offset.len() == p);
         let fits = lengths == [p; 5] && memory.prior.has_shape(p, p) && past_fits;
         require(fits, "the knowledge of the sensors")?;
-        self.method.recall(&method)?;
         self.memory = memory;
-        Ok(())
+        self.method.recall(from)
     }
 
     fn can(&self) -> Views<'_> {

@@ -7,6 +7,7 @@ use crate::structure::{BlockStructure, Structure};
 use isobar_model::{Duration, State};
 use isobar_obs::{ErrorRegression, Jacobian, ObservationOperator, ObservationWindow, SparseRows, WithinWindow};
 use std::borrow::Cow;
+use std::io::{Read, Write};
 use std::sync::Arc;
 
 /// Any method, on observations with correlated errors. Methods assume independent errors; with R = U D Uᵀ from a window's
@@ -123,12 +124,12 @@ impl Assimilator for Whitened {
         Box::new(self.clone())
     }
 
-    fn memory(&self) -> Result<Vec<u8>, Error> {
-        self.method.memory()
+    fn save(&self, to: &mut dyn Write) -> Result<(), Error> {
+        self.method.save(to)
     }
 
-    fn recall(&mut self, memory: &[u8]) -> Result<(), Error> {
-        self.method.recall(memory)
+    fn recall(&mut self, from: &mut dyn Read) -> Result<(), Error> {
+        self.method.recall(from)
     }
 
     fn can(&self) -> Views<'_> {

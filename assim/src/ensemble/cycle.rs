@@ -14,7 +14,6 @@ use crate::problem::Problem;
 use isobar_model::{Bands, Model, random};
 use isobar_obs::ObservationWindow;
 use rand_chacha::ChaCha8Rng;
-use serde::{Deserialize, Serialize};
 
 /// Members with all that they need to go from cycle to cycle.
 #[derive(Clone)]
@@ -31,7 +30,7 @@ pub(super) struct EnsembleCycle {
 }
 
 /// What changes from cycle to cycle.
-#[derive(Clone, Serialize, Deserialize)]
+#[derive(Clone)]
 pub(super) struct Memory {
     pub ensemble: Ensemble,
     /// Inflation of the background's covariance in the last analysis, of each place that is analysed.
@@ -150,7 +149,6 @@ impl EnsembleCycle {
     pub fn require(&self, memory: &Memory) -> Result<(), Error> {
         let own = &self.memory;
         require(memory.variance_factors.len() == own.variance_factors.len(), "the inflation")?;
-        require(memory.ensemble.is_like(&own.ensemble), "the ensemble")?;
         match (&own.smoother, &memory.smoother) {
             (None, None) => Ok(()),
             (Some(own), Some(smoother)) => smoother.require(own.lag(), &memory.ensemble),

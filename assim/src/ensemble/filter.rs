@@ -11,11 +11,12 @@ use crate::covariance_column::{CovarianceColumn, JointErrors, Unknown};
 use crate::covariance_root::{CovarianceRoot, RootKind};
 use crate::error::Error;
 use crate::estimate::{Analysis, Background, Estimate};
-use crate::memory::{from_bytes, to_bytes};
+use crate::memory::{read, write};
 use crate::problem::Problem;
 use faer::MatRef;
 use isobar_model::{Duration, Model};
 use isobar_obs::ObservationWindow;
+use std::io::{Read, Write};
 
 /// What the ensemble methods differ in.
 pub(super) trait EnsembleAnalysis: Clone + Send + 'static {
@@ -152,23 +153,17 @@ impl<A: EnsembleAnalysis> Assimilator for EnsembleFilter<A> {
         Box::new(self.clone())
     }
 
-    fn memory(&self) -> Result<Vec<u8>, Error> {
-        let EnsembleCycle { memory, bands, .. } = &self.cycle;
-        if bands.is_whole() {
-            return to_bytes(memory);
-        }
-        let Memory { ensemble, variance_factors, random, smoother } = memory;
-        to_bytes(&Memory {
-            ensemble: ensemble.gathered(bands),
-            variance_factors: variance_factors.clone(),
-            random: random.clone(),
-            smoother: smoother.clone(),
-        })
+    fn save(&self, to: &mut dyn Write) -> Result<(), Error> {
+        let EnsembleCycle { memory: Memory { ensemble, variance_factors, random, smoother }, bands, .. } = &self.cycle;
+        write(&(variance_factors, random, smoother), to)?;
+        ensemble.save(bands, to)
     }
 
-    fn recall(&mut self, memory: &[u8]) -> Result<(), Error> {
-        let mut memory: Memory = from_bytes(memory)?;
-        memory.ensemble = memory.ensemble.part(&self.cycle.bands)?;
+    fn recall(&mut self, from: &mut dyn Read) -> Result<(), Error> {
+        let EnsembleCycle { memory, bands, .. } = &self.cycle;
+        let (variance_factors, random, smoother) = read(from)?;
+        let ensemble = memory.ensemble.read_like(bands, from)?;
+        let memory = Memory { ensemble, variance_factors, random, smoother };
         self.cycle.require(&memory)?;
         self.cycle.memory = memory;
         Ok(())

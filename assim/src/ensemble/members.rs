@@ -7,7 +7,7 @@ use crate::calibration_accuracy::CalibrationAccuracy;
 use crate::error::Error;
 use crate::estimate::Estimate;
 use crate::linalg::{add_symmetric_product, product, semidefinite_root};
-use crate::memory::{Matrix, require};
+use crate::memory::{Matrix, read, require, write};
 use crate::problem::{Problem, steps};
 use faer::{Mat, MatRef};
 use isobar_model::random::standard_normals;
@@ -16,12 +16,12 @@ use isobar_model::{Bands, Duration, Model, State, Time, forecast};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use rayon::slice::ChunksExact;
-use serde::{Deserialize, Serialize};
+use std::io::{Read, Write};
 
 /// N members of the augmented state (x, c), each a column of m + p values; p is zero where biases are not estimated.
 ///
 /// Where several ranks compute a run, each has the m values of the state in its band of rows, and all parameters.
-#[derive(Clone, Serialize, Deserialize)]
+#[derive(Clone)]
 pub struct Ensemble {
     /// m.
     state_values: usize,
@@ -62,16 +62,10 @@ impl Ensemble {
         self.rows - self.state_values
     }
 
-    /// Whether it has the size of another one.
-    pub(super) fn is_like(&self, other: &Ensemble) -> bool {
-        let size = |it: &Ensemble| (it.state_values, it.rows, it.values.len());
-        size(self) == size(other)
-    }
-
     /// A column of the members' covariance, of all rows of the state and the parameters; `None` if there is no such number.
     pub(super) fn covariance_column(&self, bands: &Bands, number: usize) -> Option<Vec<f64>> {
         let Moments { perturbations, .. } = self.moments();
-        let (m, whole) = (self.state_values, self.state_values / bands.own_cells().len() * bands.grid().cells());
+        let (m, whole) = (self.state_values, self.whole_state_values(bands));
         if number >= whole + self.parameters() {
             return None;
         }
@@ -299,38 +293,41 @@ impl Ensemble {
         Estimate::with_spread(state, calibration, spread)
     }
 
-    /// The members of all ranks, on rank 0; members without values of the state on the others.
-    pub(super) fn gathered(&self, bands: &Bands) -> Self {
-        let mut values = Vec::new();
-        let mut state_values = 0;
-        for member in self.values.chunks_exact(self.rows) {
-            let (state, parameters) = member.split_at(self.state_values);
-            let state = bands.gather_to_first(state.to_vec());
-            state_values = state.len();
-            values.extend(state);
-            values.extend_from_slice(parameters);
-        }
-        Self { state_values, rows: state_values + self.parameters(), values, time: self.time }
-    }
-
-    /// This rank's part of whole members.
+    /// Writes the members of all ranks, one by one; they are not whole in what another rank than 0 writes. Collective.
     ///
     /// # Errors
-    /// [`Error::Memory`] if they are not members of states of the bands' grid.
-    pub(super) fn part(self, bands: &Bands) -> Result<Self, Error> {
-        if bands.is_whole() {
-            return Ok(self);
+    /// [`Error::Memory`].
+    pub(super) fn save(&self, bands: &Bands, to: &mut dyn Write) -> Result<(), Error> {
+        write(&(self.whole_state_values(bands), self.parameters(), self.members(), self.time), to)?;
+        self.values.chunks_exact(self.rows).try_for_each(|member| {
+            let (state, parameters) = member.split_at(self.state_values);
+            if bands.is_whole() {
+                return write(&(state, parameters), to);
+            }
+            write(&(bands.gather_to_first(state.to_vec()), parameters), to)
+        })
+    }
+
+    /// This rank's part of an ensemble of the size of this one, which [`Ensemble::save`] has written.
+    ///
+    /// # Errors
+    /// [`Error::Memory`].
+    pub(super) fn read_like(&self, bands: &Bands, from: &mut dyn Read) -> Result<Self, Error> {
+        let (state_values, parameters, members, time) = read(from)?;
+        let own: (usize, usize, usize) = (self.whole_state_values(bands), self.parameters(), self.members());
+        require((state_values, parameters, members) == own, "the ensemble")?;
+        let mut values = Vec::with_capacity(self.values.len());
+        for _ in 0..members {
+            let (state, parameters): (Vec<f64>, Vec<f64>) = read(from)?;
+            require((state.len(), parameters.len()) == (own.0, own.1), "a member of the ensemble")?;
+            values.extend(if bands.is_whole() { state } else { bands.own_part(&state) });
+            values.extend(parameters);
         }
-        let Self { state_values, rows, values, time } = self;
-        let is_whole = state_values <= rows
-            && rows > 0
-            && values.len().is_multiple_of(rows)
-            && state_values.is_multiple_of(bands.grid().cells());
-        require(is_whole, "the ensemble")?;
-        let own_values = state_values / bands.grid().ny * bands.own().len();
-        let of_member =
-            |member: &[f64]| [&bands.own_part(&member[..state_values])[..], &member[state_values..]].concat();
-        let values = values.chunks_exact(rows).flat_map(of_member).collect();
-        Ok(Self { state_values: own_values, rows: own_values + rows - state_values, values, time })
+        Ok(Self { values, time, ..*self })
+    }
+
+    /// The number of values of a state of all ranks.
+    fn whole_state_values(&self, bands: &Bands) -> usize {
+        self.state_values / bands.own_cells().len() * bands.grid().cells()
     }
 }

@@ -19,7 +19,7 @@ use std::borrow::Cow;
 
 /// How factors are stored, and in what their tangent-linear forecasts are computed; sums and products of them are in double
 /// precision.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Precision {
     /// In 8 bytes.
     Double,
@@ -205,6 +205,12 @@ impl TallMatrix {
     pub fn reserve(&mut self, columns: usize) {
         let wanted = self.rows * columns;
         stored!(&mut self.values, values => values.reserve_exact(wanted.saturating_sub(values.len())));
+    }
+
+    /// Makes room for `columns` columns in all, if there is any: a file may say any number.
+    pub fn try_reserve(&mut self, columns: usize) -> bool {
+        let Some(wanted) = self.rows.checked_mul(columns) else { return false };
+        stored!(&mut self.values, values => values.try_reserve_exact(wanted.saturating_sub(values.len())).is_ok())
     }
 
     /// Appends columns of zeros.

@@ -1,10 +1,13 @@
 //! Tall matrices whose rows several ranks have.
 
 use super::{Precision, TallMatrix};
+use crate::error::Error;
 use crate::linalg::summed;
+use crate::memory::{read, require, write};
 use faer::Mat;
-use isobar_model::Bands;
+use isobar_model::{Bands, Stored};
 use std::borrow::Cow;
+use std::io::{Read, Write};
 use std::ops::Range;
 
 impl TallMatrix {
@@ -99,29 +102,44 @@ impl TallMatrix {
         }
     }
 
-    /// The rows of all ranks, on rank 0; no rows on the others.
-    pub fn gathered(&self) -> Self {
-        let Some(bands) = &self.bands else { return self.clone() };
-        let mut whole =
-            Self::zeros(if bands.communicator().rank() == 0 { self.rows() } else { 0 }, 0, self.precision());
+    /// Writes the rows of all ranks, column by column; they are not in what another rank than 0 writes. Collective.
+    ///
+    /// # Errors
+    /// [`Error::Memory`].
+    pub fn save(&self, to: &mut dyn Write) -> Result<(), Error> {
+        write(&(self.rows(), self.columns, self.precision()), to)?;
         for column in 0..self.columns {
-            let values = bands.gather_to_first(self.own_column(column).into_owned());
-            whole.append(1);
-            whole.edit_own_column(column, |own| own.copy_from_slice(&values));
+            let own = self.own_column(column);
+            let whole = match &self.bands {
+                None => own,
+                Some(bands) => bands.gather_to_first(own.into_owned()).into(),
+            };
+            match self.precision() {
+                Precision::Double => write(&whole, to)?,
+                Precision::Single => write(&whole.iter().map(|&value| f32::narrow(value)).collect::<Vec<_>>(), to)?,
+            }
         }
-        whole
+        Ok(())
     }
 
-    /// This rank's rows of a matrix with all rows; `None` if its columns are no states of the grid.
-    pub fn in_bands(&self, bands: &Bands) -> Option<Self> {
-        if bands.is_whole() {
-            return Some(self.clone());
+    /// This rank's rows of a matrix that [`TallMatrix::save`] has written, with as many rows as this one and in its precision.
+    ///
+    /// # Errors
+    /// [`Error::Memory`].
+    pub fn read_like(&self, from: &mut dyn Read) -> Result<Self, Error> {
+        let (rows, columns, precision): (usize, usize, Precision) = read(from)?;
+        let mut matrix = self.zeros_like(0, precision);
+        let fits = rows == self.rows() && precision == self.precision() && matrix.try_reserve(columns);
+        require(fits, "the matrix of the factors")?;
+        for column in 0..columns {
+            let whole: Vec<f64> = match precision {
+                Precision::Double => read(from)?,
+                Precision::Single => read::<Vec<f32>>(from)?.into_iter().map(Stored::widen).collect(),
+            };
+            require(whole.len() == rows, "a column of the factors")?;
+            matrix.append(1);
+            matrix.set_column(column, &whole);
         }
-        let fits = self.rows.is_multiple_of(bands.grid().cells()) && self.has_shape(self.rows, self.columns);
-        fits.then(|| {
-            let mut part = Self::zeros_in(bands, self.rows, self.columns, self.precision());
-            (0..self.columns).for_each(|column| part.set_column(column, &self.own_column(column)));
-            part
-        })
+        Ok(matrix)
     }
 }

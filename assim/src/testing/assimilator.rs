@@ -86,7 +86,7 @@ pub fn check_assimilator(trial: &Trial<'_>) -> AssimilatorContract {
         check_claims(&*method, &analysis.estimate, cycle, &mut contract);
         let memory = method.memory().expect("a memory");
         again = (trial.build)();
-        again.recall(&memory).unwrap_or_else(|error| panic!("cycle {cycle}: {error}"));
+        again.recall(&mut &memory[..]).unwrap_or_else(|error| panic!("cycle {cycle}: {error}"));
         assert!(again.memory().as_ref() == Ok(&memory), "cycle {cycle}: a recalled memory is another one");
     }
     contract

@@ -11,16 +11,17 @@ use crate::assimilator::{
 use crate::block_angular::PartitionReport;
 use crate::calibration_accuracy::CalibrationErrors;
 use crate::error::Error;
-use crate::errors::blocks::{BlockErrors, Increments};
+use crate::errors::blocks::Increments;
 use crate::estimate::{Analysis, Background};
 use crate::filter::{Cycle, ErrorBlocks, Errors};
-use crate::memory::{Matrix, from_bytes, require, to_bytes};
+use crate::memory::{Matrix, read, require, write};
 use crate::problem::{Innovations, steps};
 use crate::structure::{BlockStructure, Structure};
 use faer::{Mat, MatRef};
 use isobar_model::Duration;
 use isobar_model::vector::{add, axpy, scale};
 use isobar_obs::{ObservationWindow, SparseRows};
+use std::io::{Read, Write};
 use std::sync::Arc;
 
 impl TimeVolume {
@@ -244,14 +245,16 @@ impl Assimilator for TimeVolume {
         Box::new(self.clone())
     }
 
-    fn memory(&self) -> Result<Vec<u8>, Error> {
-        to_bytes(&(self.errors.memory(), &self.memory))
+    fn save(&self, to: &mut dyn Write) -> Result<(), Error> {
+        write(&self.memory, to)?;
+        self.errors.save(to)
     }
 
-    fn recall(&mut self, bytes: &[u8]) -> Result<(), Error> {
-        let (errors, memory): (<BlockErrors as Errors>::Memory, Memory) = from_bytes(bytes)?;
+    fn recall(&mut self, from: &mut dyn Read) -> Result<(), Error> {
+        let memory: Memory = read(from)?;
         std::iter::once(&memory).chain(memory.history.memories()).try_for_each(|it| self.require_own(it))?;
         memory.history.require(&self.memory.s, self.unknowns())?;
+        let errors = self.errors.read(from)?;
         self.errors.recall(errors, &memory.s)?;
         let past = self.errors.factors().past.len();
         require(memory.past_times.len() == past, "the smoother")?;

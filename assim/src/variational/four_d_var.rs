@@ -11,7 +11,7 @@ use crate::calibrated_state::CalibratedState;
 use crate::error::Error;
 use crate::estimate::{Analysis, Background};
 use crate::linalg::squared_norm;
-use crate::memory::{from_bytes, require, to_bytes};
+use crate::memory::{read, require, write};
 use crate::problem::{Innovations, Problem, require_finite, steps};
 use faer::MatRef;
 use isobar_model::vector::add;
@@ -19,6 +19,7 @@ use isobar_model::{Adjoint, Duration, Model, State, forecast};
 use isobar_obs::{Jacobian, LinearOperator, ObservationWindow, WithinWindow};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
+use std::io::{Read, Write};
 use std::sync::Arc;
 
 /// How 4D-Var is tuned.
@@ -211,7 +212,7 @@ impl Assimilator for FourDVar {
     }
 
     /// The operators of the window are linear: a Jacobian stands for each of them.
-    fn memory(&self) -> Result<Vec<u8>, Error> {
+    fn save(&self, to: &mut dyn Write) -> Result<(), Error> {
         let s = &self.present.s;
         let with_jacobian = |window: &ObservationWindow| {
             let lags = window.operator.within_window().map_or(Vec::new(), |within| within.lags.to_vec());
@@ -219,11 +220,11 @@ impl Assimilator for FourDVar {
         };
         let observed = self.observed.iter().map(with_jacobian).collect();
         let convergence = self.convergence.clone();
-        to_bytes(&Memory { present: self.present.clone(), starts: self.starts.clone(), observed, convergence })
+        write(&Memory { present: self.present.clone(), starts: self.starts.clone(), observed, convergence }, to)
     }
 
-    fn recall(&mut self, memory: &[u8]) -> Result<(), Error> {
-        let Memory { present, starts, observed, convergence } = from_bytes(memory)?;
+    fn recall(&mut self, from: &mut dyn Read) -> Result<(), Error> {
+        let Memory { present, starts, observed, convergence } = read(from)?;
         starts.iter().chain([&present]).try_for_each(|start| start.require_like(&self.present))?;
         let (layout, p) = (present.s.state.layout(), present.s.bias.len());
         let fits = |(window, jacobian, lags): &(ObservationWindow, Jacobian, Vec<Duration>)| {

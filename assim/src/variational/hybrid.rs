@@ -7,11 +7,11 @@ use crate::covariance::{Covariance, LocalizedEnsemble};
 use crate::ensemble::{EnsembleSettings, LocalEnsembleTransformKalmanFilter, LocalSettings};
 use crate::error::Error;
 use crate::estimate::{Analysis, Background, Estimate};
-use crate::memory::{from_bytes, to_bytes};
 use crate::problem::Problem;
 use faer::MatRef;
 use isobar_model::{Duration, Model};
 use isobar_obs::ObservationWindow;
+use std::io::{Read, Write};
 use std::sync::Arc;
 
 /// How hybrid 3D-Var is tuned.
@@ -98,14 +98,14 @@ impl Assimilator for HybridThreeDVar {
         Box::new(self.clone())
     }
 
-    fn memory(&self) -> Result<Vec<u8>, Error> {
-        to_bytes(&(self.variational.memory()?, self.ensemble.memory()?))
+    fn save(&self, to: &mut dyn Write) -> Result<(), Error> {
+        self.variational.save(to)?;
+        self.ensemble.save(to)
     }
 
-    fn recall(&mut self, memory: &[u8]) -> Result<(), Error> {
-        let (variational, ensemble): (Vec<u8>, Vec<u8>) = from_bytes(memory)?;
-        self.variational.recall(&variational)?;
-        self.ensemble.recall(&ensemble)
+    fn recall(&mut self, from: &mut dyn Read) -> Result<(), Error> {
+        self.variational.recall(from)?;
+        self.ensemble.recall(from)
     }
 
     fn can(&self) -> Views<'_> {

@@ -10,12 +10,13 @@ use crate::covariance::Covariance;
 use crate::error::Error;
 use crate::estimate::{Analysis, Background};
 use crate::linalg::squared_norm;
-use crate::memory::{from_bytes, to_bytes};
+use crate::memory::{read, write};
 use crate::problem::{Innovations, Problem};
 use isobar_model::vector::add;
 use isobar_model::{Duration, Model};
 use isobar_obs::ObservationWindow;
 use rayon::prelude::*;
+use std::io::{Read, Write};
 use std::sync::Arc;
 
 /// How 3D-Var is tuned.
@@ -105,12 +106,12 @@ impl Assimilator for ThreeDVar {
         Box::new(self.clone())
     }
 
-    fn memory(&self) -> Result<Vec<u8>, Error> {
-        to_bytes(&(&self.present, &self.convergence))
+    fn save(&self, to: &mut dyn Write) -> Result<(), Error> {
+        write(&(&self.present, &self.convergence), to)
     }
 
-    fn recall(&mut self, memory: &[u8]) -> Result<(), Error> {
-        let (present, convergence): (CalibratedState, Convergence) = from_bytes(memory)?;
+    fn recall(&mut self, from: &mut dyn Read) -> Result<(), Error> {
+        let (present, convergence): (CalibratedState, Convergence) = read(from)?;
         present.require_like(&self.present)?;
         (self.present, self.convergence) = (present, convergence);
         Ok(())

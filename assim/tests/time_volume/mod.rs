@@ -254,22 +254,14 @@ fn a_window_forgets_what_is_older_and_a_checkpoint_changes_nothing() {
     let (mut whole, mut first, mut second) = (new(3), new(3), new(3));
     let expected = run(&mut whole, &windows);
     run(&mut first, &windows[..5]);
-    second.recall(&first.memory().unwrap()).unwrap();
+    second.recall(&mut &first.memory().unwrap()[..]).unwrap();
     assert_eq!(run(&mut second, &windows[5..]), expected);
     assert_eq!(parameters(&second), parameters(&whole));
     let mut bytes = first.memory().unwrap();
     bytes.truncate(bytes.len() / 2);
-    assert!(second.recall(&bytes).is_err());
-    assert!(
-        new(3)
-            .recall(
-                &TimeVolume::new(problem.clone(), volume_settings(3, factors[..1].to_vec()), None)
-                    .unwrap()
-                    .memory()
-                    .unwrap()
-            )
-            .is_err()
-    );
+    assert!(second.recall(&mut &bytes[..]).is_err());
+    let fewer = TimeVolume::new(problem.clone(), volume_settings(3, factors[..1].to_vec()), None).unwrap();
+    assert!(new(3).recall(&mut &fewer.memory().unwrap()[..]).is_err());
 }
 
 #[test]

@@ -74,6 +74,6 @@ fn smoothed_estimates_are_those_of_the_recursion_with_all_unknowns() {
     }
     // The memory holds the past.
     let mut other = volume.boxed_clone();
-    other.recall(&volume.memory().unwrap()).unwrap();
+    other.recall(&mut &volume.memory().unwrap()[..]).unwrap();
     assert_eq!(smoothed(&*other, LAG), smoothed(&volume, LAG));
 }

@@ -129,7 +129,7 @@ fn patterns_that_move_with_the_flow_find_errors_that_do() {
             if number == 7 {
                 let memory = volume.memory().unwrap();
                 volume = with();
-                volume.recall(&memory).unwrap();
+                volume.recall(&mut &memory[..]).unwrap();
             }
             let from = volume.forecast(WINDOW).unwrap();
             volume.analyse(&from, observed).unwrap();
@@ -169,7 +169,7 @@ fn corrections_of_tiles_are_the_least_squares_solution_of_all_cycles() {
     }
     let memory = volume.memory().unwrap();
     volume = with_threshold(0.1);
-    volume.recall(&memory).unwrap();
+    volume.recall(&mut &memory[..]).unwrap();
     let from = volume.forecast(WINDOW).unwrap();
     let analysis = volume.analyse(&from, &windows[CYCLES - 1]).unwrap();
     for (k, found) in parameters(&volume).iter().enumerate() {

@@ -1,17 +1,18 @@
 //! The file of a checkpoint: written beside its place and renamed, so that it is there complete or not at all.
 
-use super::saved::memories;
+use super::saved::save;
 use super::{Checkpoint, Plan};
 use crate::output::SinkError;
 use crate::output::directory::{CHECKPOINT_PREFIX, checkpoints};
 use crate::run::experiment::Experiment;
 use crate::safe_file::sync_directory;
-use crate::sealed::Format;
+use crate::sealed::{Format, Memories};
 use crate::text::clean;
-use std::fs;
+use std::fs::{self, File};
+use std::io::Cursor;
 use std::path::{Path, PathBuf};
 
-const FORMAT: Format = Format { name: "checkpoint", number: 7 };
+const FORMAT: Format = Format { name: "checkpoint", number: 8 };
 
 /// How many checkpoints are kept.
 const KEPT: usize = 2;
@@ -24,7 +25,7 @@ pub fn write(directory: &Path, checkpoint: &Checkpoint, experiment: &Experiment)
     let path = directory.join(format!("{CHECKPOINT_PREFIX}{:010}", checkpoint.saved.cycle));
     let temporary = path.with_extension("new");
     let written = FORMAT
-        .write(&temporary, checkpoint, &mut memories(experiment))
+        .write(&temporary, checkpoint, experiment.methods.len(), &|number, to| save(experiment, number, to))
         .and_then(|()| fs::rename(&temporary, &path))
         .and_then(|()| sync_directory(directory));
     if let Err(error) = written {
@@ -49,7 +50,7 @@ pub fn put_aside(path: &Path) {
 ///
 /// # Errors
 /// In words, if it is damaged or was written by another version.
-pub fn read(path: &Path) -> Result<(Checkpoint, Vec<Vec<u8>>), String> {
+pub fn read(path: &Path) -> Result<(Checkpoint, Memories<File>), String> {
     FORMAT.read(path).map(|contents| (contents.head, contents.memories))
 }
 
@@ -57,7 +58,7 @@ pub fn read(path: &Path) -> Result<(Checkpoint, Vec<Vec<u8>>), String> {
 ///
 /// # Errors
 /// As [`read`].
-pub fn parse(bytes: &[u8]) -> Result<(Checkpoint, Vec<Vec<u8>>), String> {
+pub fn parse(bytes: &[u8]) -> Result<(Checkpoint, Memories<Cursor<&[u8]>>), String> {
     FORMAT.parse(bytes).map(|contents| (contents.head, contents.memories))
 }
 
@@ -66,7 +67,7 @@ pub struct Newest {
     /// The checkpoint.
     pub checkpoint: Checkpoint,
     /// The methods' memories.
-    pub memories: Vec<Vec<u8>>,
+    pub memories: Memories<File>,
     /// The newer ones, and why they cannot be used.
     pub damaged: Vec<(PathBuf, String)>,
 }

@@ -23,8 +23,10 @@ pub use plan::{Plan, PlannedRun};
 
 use crate::run::experiment::Experiment;
 use crate::scores::{EarlierTruths, ObservationCounts, RunScores, Scorecard};
+use crate::sealed::Memories;
 use saved::Saved;
 use serde::{Deserialize, Serialize};
+use std::io::{Read, Seek};
 
 /// Everything about a run after a cycle but for the methods' own memory, which follows in the file.
 #[derive(Debug, Serialize, Deserialize)]
@@ -53,7 +55,11 @@ impl Checkpoint {
     ///
     /// # Errors
     /// In words, if it is the state of another experiment.
-    pub fn restore(self, memories: &[Vec<u8>], experiment: &mut Experiment) -> Result<RunScores, String> {
+    pub fn restore<F: Read + Seek>(
+        self,
+        memories: &mut Memories<F>,
+        experiment: &mut Experiment,
+    ) -> Result<RunScores, String> {
         let Self { saved, observations, earlier_truths, totals, .. } = self;
         let fits = earlier_truths.fits(experiment.info.layout.len(), experiment.info.calibration.len());
         let count = experiment.methods.len();

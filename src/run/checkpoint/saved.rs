@@ -5,11 +5,11 @@ use crate::run::cycle::Progress;
 use crate::run::experiment::{Competitor, Experiment};
 use crate::run::truth::{SavedTruth, Truth};
 use crate::scores::Failure;
-use isobar_assim::Error;
+use crate::sealed::Memories;
 use isobar_model::State;
 use isobar_obs::SavedSystem;
 use serde::{Deserialize, Serialize};
-use std::io;
+use std::io::{self, Read, Seek, Write};
 
 /// Truth, quality control, observing systems and methods after a cycle, but for the methods' own memory, which follows in the
 /// file.
@@ -59,10 +59,14 @@ impl Saved {
     ///
     /// # Errors
     /// In words, if it is the state of another experiment.
-    pub fn restore(self, memories: &[Vec<u8>], experiment: &mut Experiment) -> Result<(), String> {
+    pub fn restore<F: Read + Seek>(
+        self,
+        memories: &mut Memories<F>,
+        experiment: &mut Experiment,
+    ) -> Result<(), String> {
         let Experiment { info, truth, reference, observing, methods, .. } = experiment;
         let fits = self.observing.cycle() == self.cycle && (1..=info.cycles).contains(&self.cycle);
-        let fits = fits && memories.len() == self.methods.len();
+        let fits = fits && memories.count() == self.methods.len();
         let reference_fits = match (reference, self.reference) {
             (Some(reference), Some(saved)) => reference.restore(saved),
             (reference, saved) => reference.is_none() && saved.is_none(),
@@ -72,15 +76,16 @@ impl Saved {
         }
         truth.iter_mut().zip(self.truth).try_for_each(|(truth, saved)| truth.restore(saved))?;
         observing.restore(&self.observing).map_err(|error| error.to_string())?;
-        let mut saved: Vec<(SavedMethod, &Vec<u8>)> = self.methods.into_iter().zip(memories).collect();
+        let mut saved: Vec<(usize, SavedMethod)> = self.methods.into_iter().enumerate().collect();
         for (own, competitor) in info.methods.iter().zip(methods) {
-            let place = saved.iter().position(|(saved, _)| saved.name == own.name);
-            let (saved, memory) = saved.swap_remove(place.ok_or("it is not one of this experiment")?);
+            let place = saved.iter().position(|(_, saved)| saved.name == own.name);
+            let (number, saved) = saved.swap_remove(place.ok_or("it is not one of this experiment")?);
             if saved.progress.is_some() == saved.failure.is_some() || !saved.ahead.fits(self.cycle, info) {
                 return Err("a method has neither memory nor a failure, or forecasts of another run".into());
             }
             if let Some(progress) = saved.progress {
-                let restored = competitor.runner.restore(memory, progress, &info.layout);
+                let mut memory = memories.open(number).map_err(|error| error.to_string())?;
+                let restored = competitor.runner.restore(&mut memory, progress, &info.layout);
                 restored.map_err(|error| error.to_string())?;
             }
             competitor.ahead = saved.ahead;
@@ -90,20 +95,19 @@ impl Saved {
     }
 }
 
-/// The memory of each method, made one after the other; empty for one that has failed.
-pub fn memories(experiment: &Experiment) -> impl Iterator<Item = io::Result<Vec<u8>>> {
-    made(experiment).map(|memory| memory.map_err(io::Error::other))
+/// Writes the memory of a method; nothing of one that has failed.
+///
+/// # Errors
+/// Those of the method.
+pub fn save(experiment: &Experiment, method: usize, to: &mut dyn Write) -> io::Result<()> {
+    let Competitor { runner, failure, .. } = &experiment.methods[method];
+    if failure.is_some() { Ok(()) } else { runner.method().save(to).map_err(io::Error::other) }
 }
 
-/// Gives what rank 0 needs for these memories, on another rank.
+/// Gives what rank 0 needs to write all memories, on another rank.
 ///
 /// # Errors
 /// Those of the methods.
-pub fn take_part(experiment: &Experiment) -> Result<(), Error> {
-    made(experiment).try_for_each(|memory| memory.map(drop))
-}
-
-fn made(experiment: &Experiment) -> impl Iterator<Item = Result<Vec<u8>, Error>> {
-    let memory = |it: &Competitor| if it.failure.is_none() { it.runner.save() } else { Ok(Vec::new()) };
-    experiment.methods.iter().map(memory)
+pub fn take_part(experiment: &Experiment) -> io::Result<()> {
+    (0..experiment.methods.len()).try_for_each(|method| save(experiment, method, &mut io::sink()))
 }

@@ -9,14 +9,14 @@ mod settings;
 
 pub use known::Earlier;
 
-use super::checkpoint::saved::{Saved, memories};
+use super::checkpoint::saved::{Saved, save};
 use super::experiment::Experiment;
 use crate::calendar::utc;
 use crate::options::RunOptions;
 use crate::output::directory::{SEEDS_FILE, SUMMARY_FILE, SWEEP_FILE, Stage, stage};
 use crate::output::{STATE_FILE, SinkError};
 use crate::scenario::Scenario;
-use crate::sealed::{Contents, Format};
+use crate::sealed::{Contents, Format, Memories};
 use crate::shell::command;
 use crate::text::{clean, listed};
 use isobar_assim::Recalibration;
@@ -24,9 +24,10 @@ use isobar_model::{Duration, Time};
 use isobar_obs::Calibration;
 use serde::{Deserialize, Serialize};
 use settings::Settings;
+use std::fs::File;
 use std::path::Path;
 
-const FORMAT: Format = Format { name: "final state", number: 3 };
+const FORMAT: Format = Format { name: "final state", number: 4 };
 
 /// The most differences that a message lists.
 const MOST_LISTED: usize = 20;
@@ -76,7 +77,7 @@ pub fn write(directory: &Path, scenario: &Scenario, experiment: &mut Experiment)
         saved,
     };
     let path = directory.join(STATE_FILE);
-    let written = FORMAT.write(&path, &state, &mut memories(experiment));
+    let written = FORMAT.write(&path, &state, experiment.methods.len(), &|number, to| save(experiment, number, to));
     written.map_err(|error| SinkError { path, reason: error.to_string() })
 }
 
@@ -84,7 +85,7 @@ pub fn write(directory: &Path, scenario: &Scenario, experiment: &mut Experiment)
 #[derive(Debug)]
 pub struct EarlierRun {
     state: FinalState,
-    memories: Vec<Vec<u8>>,
+    memories: Memories<File>,
     checksum: u32,
 }
 
@@ -204,12 +205,12 @@ impl EarlierRun {
     /// # Errors
     /// In words, if its calibration parameters are others, or it is another experiment in another way.
     pub fn restore(self, experiment: &mut Experiment) -> Result<(), String> {
-        let Self { state, memories, .. } = self;
+        let Self { state, mut memories, .. } = self;
         let lines = differences(&state.calibration, &experiment.info.calibration);
         if !lines.is_empty() {
             return Err(in_lines(lines));
         }
-        state.saved.restore(&memories, experiment).map_err(|reason| format!("{STATE_FILE}: {reason}"))
+        state.saved.restore(&mut memories, experiment).map_err(|reason| format!("{STATE_FILE}: {reason}"))
     }
 }
 

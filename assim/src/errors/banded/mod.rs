@@ -11,7 +11,7 @@ use crate::error::Error;
 use crate::estimated::EstimatedParameter;
 use crate::filter::{Cycle, Errors, Filter, Fit};
 use crate::linalg::product;
-use crate::memory::{Matrix, require};
+use crate::memory::{Matrix, read, require, write};
 use crate::problem::{Innovations, Problem, require_memory};
 use band::Band;
 use faer::{Mat, MatRef};
@@ -19,6 +19,7 @@ use isobar_model::TangentLinear;
 use isobar_model::vector::{axpy, dot};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::io::{Read, Write};
 use std::sync::Arc;
 
 /// Columns that are propagated together.
@@ -231,8 +232,12 @@ impl Errors for Banded {
         Ok(())
     }
 
-    fn memory(&self) -> &Memory {
-        &self.memory
+    fn save(&self, to: &mut dyn Write) -> Result<(), Error> {
+        write(&self.memory, to)
+    }
+
+    fn read(&self, from: &mut dyn Read) -> Result<Memory, Error> {
+        read(from)
     }
 
     fn recall(&mut self, memory: Memory, _: &Augmented) -> Result<(), Error> {

@@ -66,7 +66,7 @@ use crate::covariance_root::CovarianceRoot;
 use crate::error::Error;
 use crate::filter::{Cycle, ErrorBlocks, Errors, Filter, Fit};
 use crate::fixed_lag::PastAnalyses;
-use crate::memory::require;
+use crate::memory::{read, require, write};
 use crate::problem::{Innovations, Problem, require_memory};
 use crate::tall_matrix::{TallMatrix, scaled_gram};
 use factored_covariance::FactoredCovariance;
@@ -76,7 +76,7 @@ use isobar_model::{Layout, TangentLinear, random};
 use isobar_obs::ByPlacement;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
-use std::borrow::Cow;
+use std::io::{Read, Write};
 use std::sync::Arc;
 
 /// The Kalman filter with a covariance in blocks and common factors.
@@ -261,6 +261,11 @@ impl BlockErrors {
         &self.frame.shared
     }
 
+    /// What changes from cycle to cycle.
+    pub(crate) fn memory(&self) -> &Memory {
+        &self.memory
+    }
+
     /// Number of block variables.
     pub(crate) fn block_variables(&self) -> usize {
         self.frame.blocks.variables()
@@ -329,34 +334,24 @@ impl Errors for BlockErrors {
         self.replace(covariance)
     }
 
-    fn memory(&self) -> &Memory {
-        &self.memory
-    }
-
-    fn gathered_memory(&self) -> Cow<'_, Memory> {
-        let FactoredCovariance { own, linked, factors } = &self.memory.covariance;
-        if factors.state.bands().is_none() {
-            return Cow::Borrowed(&self.memory);
-        }
+    fn save(&self, to: &mut dyn Write) -> Result<(), Error> {
+        let Memory { covariance: FactoredCovariance { own, linked, factors }, random, smoother } = &self.memory;
         let Factors { state, local, shared, past } = factors;
-        let (local, shared, past) = (local.clone(), shared.clone(), past.clone());
-        let factors = Factors { state: state.gathered(), local, shared, past };
-        let covariance = FactoredCovariance { own: own.clone(), linked: linked.clone(), factors };
-        Cow::Owned(Memory { covariance, random: self.memory.random.clone(), smoother: None })
+        write(&(own, linked, local, shared, past, random, smoother), to)?;
+        state.save(to)
     }
 
-    fn recall(&mut self, mut memory: Memory, s: &Augmented) -> Result<(), Error> {
-        if let Some(bands) = self.factors().state.bands() {
-            let part = memory.covariance.factors.state.in_bands(bands);
-            memory.covariance.factors.state = part.ok_or_else(|| Error::Memory {
-                reason: "the matrix of the factors does not fit the experiment".into(),
-            })?;
-        }
-        let Frame { blocks, shared, layout, local, settings, .. } = &*self.frame;
+    fn read(&self, from: &mut dyn Read) -> Result<Memory, Error> {
+        let (own, linked, local, shared, past, random, smoother) = read(from)?;
+        let state = self.factors().state.read_like(from)?;
+        let factors = Factors { state, local, shared, past };
+        Ok(Memory { covariance: FactoredCovariance { own, linked, factors }, random, smoother })
+    }
+
+    fn recall(&mut self, memory: Memory, s: &Augmented) -> Result<(), Error> {
+        let Frame { blocks, shared, layout, local, .. } = &*self.frame;
         memory.covariance.require(blocks)?;
-        let Factors { state, .. } = &memory.covariance.factors;
-        let fits = memory.covariance.factors.has_rows(layout.len(), local.len(), shared.len())
-            && state.precision() == settings.factor_precision;
+        let fits = memory.covariance.factors.has_rows(layout.len(), local.len(), shared.len());
         require(fits, "the matrix of the factors")?;
         let past = memory.covariance.factors.past.len();
         match (&self.memory.smoother, &memory.smoother) {

@@ -12,7 +12,7 @@ use crate::linalg::{
     add_symmetric_product, column, entries_mut, for_each_chunk, mirror_lower, product, solve_lower,
     solve_lower_transposed, solved_lower, squared_norm,
 };
-use crate::memory::{Matrix, require};
+use crate::memory::{Matrix, read, require, write};
 use crate::problem::{Innovations, Problem, require_memory};
 use crate::propagator::Propagator;
 use faer::{Mat, MatMut, MatRef};
@@ -20,6 +20,7 @@ use isobar_model::TangentLinear;
 use isobar_model::vector::{axpy, scale};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::io::{Read, Write};
 use std::sync::Arc;
 
 /// The Kalman filter with the whole covariance.
@@ -230,8 +231,12 @@ impl Errors for Dense {
         Ok(())
     }
 
-    fn memory(&self) -> &Memory {
-        &self.memory
+    fn save(&self, to: &mut dyn Write) -> Result<(), Error> {
+        write(&self.memory, to)
+    }
+
+    fn read(&self, from: &mut dyn Read) -> Result<Memory, Error> {
+        read(from)
     }
 
     fn recall(&mut self, memory: Memory, s: &Augmented) -> Result<(), Error> {

@@ -53,7 +53,7 @@ use crate::error::Error;
 use crate::filter::{Cycle, Errors, Filter, Fit};
 use crate::fixed_lag::PastAnalyses;
 use crate::linalg::product;
-use crate::memory::{Matrix, require};
+use crate::memory::{Matrix, read, require, write};
 use crate::problem::{Innovations, Problem, require_memory};
 use faer::{Mat, MatRef};
 use fixed_basis::FixedBasis;
@@ -64,6 +64,7 @@ use local_factors::{LocalFactors, add_to_blocks, divided};
 use rand_chacha::ChaCha8Rng;
 use rotation::PairRows;
 use serde::{Deserialize, Serialize};
+use std::io::{Read, Write};
 use std::sync::Arc;
 use tiles::{Colours, Tiles};
 
@@ -336,8 +337,12 @@ impl Errors for LocalErrors {
         self.replace(covariance)
     }
 
-    fn memory(&self) -> &Memory {
-        &self.memory
+    fn save(&self, to: &mut dyn Write) -> Result<(), Error> {
+        write(&self.memory, to)
+    }
+
+    fn read(&self, from: &mut dyn Read) -> Result<Memory, Error> {
+        read(from)
     }
 
     fn recall(&mut self, memory: Memory, s: &Augmented) -> Result<(), Error> {
