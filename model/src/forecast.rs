@@ -32,7 +32,7 @@ pub trait Model: Send + Sync {
 
     /// The model on some rows of the grid, as a domain of its own with walls at both ends, where `rows` may go beyond a periodic
     /// edge: a step is the same as on the whole, to the bit, but within [`Model::reach`] rows of an end that is no wall of the
-    /// whole. `None` if there is no such form of it.
+    /// whole, where it may change nothing. `None` if there is no such form of it.
     fn in_rows(&self, _rows: &Range<isize>) -> Option<Arc<dyn Adjoint>> {
         None
     }

@@ -1,6 +1,7 @@
 //! A model that several ranks integrate together is the same as on one, to the bit.
 
 use crate::common::{BOUNDARIES, FORMS, SCHEMES, grid, jet, largest, parameters, perturbed_jet, stepped};
+use isobar_model::initial::Vortex;
 use isobar_model::random::{standard_normals, stream};
 use isobar_model::testing::on_ranks;
 use isobar_model::{
@@ -104,6 +105,28 @@ fn ranks_give_the_bits_of_one_process_with_leapfrog_a_forcing_and_advection() {
                 check(Arc::new(ExactShift::new(grid.clone(), 5, rows, Duration::from_seconds(60)).unwrap()), &hill);
             }
         }
+    }
+}
+
+/// What a rank has is itself large enough to be swept by several threads.
+#[test]
+fn ranks_of_several_threads_give_the_bits_of_one_process() {
+    for boundary in BOUNDARIES {
+        let damped = ShallowWaterParameters { hyperdiffusion_m4_per_s: 5e14, ..parameters(boundary) };
+        let nonlinear = ShallowWater::new(grid(256, 600, boundary), damped, FORMS[0]).unwrap();
+        let y_m = 0.5 * isobar_model::Tendency::layout(&nonlinear).grid.height_m();
+        let vortex = Vortex { center_x_m: 9e6, center_y_m: y_m, amplitude_m: 40.0, radius_m: 8e5 };
+        let start = initial::vortices(&nonlinear, 1000.0, &[vortex]).unwrap();
+        let model: Arc<dyn Adjoint> = Arc::new(stepped(nonlinear, 100, SCHEMES[0]));
+        let mut advanced = start.clone();
+        forecast::forecast(&*model, &mut advanced, STEPS).unwrap();
+        on_ranks(2, |communicator| {
+            let banded = BandedModel::new(Arc::clone(&model), Arc::new(communicator)).unwrap();
+            let mut part = banded.bands().own_part(start.values());
+            let threads = rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap();
+            threads.install(|| banded.forecast_parts(&mut [&mut part[..]], None, STEPS)).unwrap();
+            assert!(part == banded.bands().own_part(advanced.values()), "{boundary:?}");
+        });
     }
 }
 

@@ -1,8 +1,8 @@
 //! A model that several ranks integrate together.
 //!
 //! The equations are those of the whole: each rank has them on its rows with as many on either side as a step depends on
-//! ([`Model::in_rows`]). These are received from the ranks that have them before each step, for all states and increments at once, and
-//! what the step makes of them is not used. So every value has the bits that it has on one rank.
+//! ([`Model::in_rows`]). These are received from the ranks that have them before each step, for all states and increments at once; a
+//! sweep over rows computes of them what the later stages need, and no more. So every value has the bits that it has on one rank.
 
 use super::{Bands, RowExchange};
 use crate::communicator::{Communicator, RankFailure, all_succeed};

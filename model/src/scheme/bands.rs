@@ -1,7 +1,9 @@
 //! Bands of rows, swept in parallel.
 
+use super::ends::{End, needed};
 use super::rows::Row;
-use crate::grid::{Boundary, Grid};
+use crate::grid::Grid;
+use std::ops::Range;
 
 /// Below this number of cells one thread is faster than the start of two.
 const LEAST_CELLS_PER_BAND: usize = 1 << 15;
@@ -15,6 +17,7 @@ pub(crate) struct Band<'a> {
     /// The band of each variable.
     pub fields: Vec<&'a mut [f64]>,
     grid: &'a Grid,
+    ends: [End; 2],
     variables: usize,
     /// Values of a variable's row.
     row_len: usize,
@@ -27,7 +30,7 @@ pub(crate) struct Band<'a> {
 /// Cuts fields into as many bands as there are threads, if they are large enough; `reach` rows of the first `variables`
 /// fields are copied on either side. A place has `lanes` values.
 pub(crate) fn bands<'a>(
-    grid: &'a Grid,
+    (grid, ends): (&'a Grid, [End; 2]),
     x: &'a mut [f64],
     variables: usize,
     lanes: usize,
@@ -50,7 +53,7 @@ pub(crate) fn bands<'a>(
             };
             let (south, north) = (around(first + (reach / ny + 1) * ny - reach), around(end));
             let fields = Vec::with_capacity(x.len() / field_len);
-            Band { first, rows: end - first, fields, grid, variables, row_len, south, north, reach }
+            Band { first, rows: end - first, fields, grid, ends, variables, row_len, south, north, reach }
         })
         .collect();
     for mut field in x.chunks_exact_mut(field_len) {
@@ -67,15 +70,13 @@ impl Band<'_> {
     /// Whether a wall is south and north of the band.
     #[inline]
     pub fn walls(&self) -> (bool, bool) {
-        let channel = self.grid.boundary == Boundary::Channel;
-        (channel && self.first == 0, channel && self.first + self.rows == self.grid.ny)
+        let [south, north] = self.ends.map(|end| end == End::Wall);
+        (south && self.first == 0, north && self.first + self.rows == self.grid.ny)
     }
 
-    /// The rows to push: the band's, and those within reach where there is no wall.
-    pub fn reached(&self, reach: usize) -> std::ops::Range<isize> {
-        let (south, north) = self.walls();
-        let (first, end, reach) = (self.first as isize, (self.first + self.rows) as isize, reach as isize);
-        (if south { first } else { first - reach })..(if north { end } else { end + reach })
+    /// The rows to push: the band's, and those within reach.
+    pub fn reached(&self, reach: usize) -> Range<isize> {
+        needed(&(self.first..self.first + self.rows), self.grid.ny, self.ends, reach)
     }
 
     /// The number of a row that may be beyond a periodic edge.

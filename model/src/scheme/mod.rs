@@ -7,7 +7,7 @@
 //! | [`leapfrog`] | [`Leapfrog`] with Robert's filter, a model whose state holds two time levels |
 //! | [`restarted`] | [`RestartedLeapfrog`]: leapfrog restarted after every analysis, with one time level |
 //! | [`rows`] | [`RowStream`], [`TangentRowStream`] and [`AdjointRowStream`]: f, f' and its transpose row by row |
-//! | `sweep`, `bands` | a step of the state as one pass over memory, in parallel bands of rows |
+//! | `sweep`, `bands`, `ends` | a step of the state as one pass over memory, in parallel bands of rows |
 //! | `side_by_side` | states of a small grid advanced together |
 //! | `tangent_sweep`, `adjoint_sweep` | the same for increments, forwards and back |
 //! | `groups`, `held_groups`, `interleaving`, `strips`, `stages` | which increments together, how they lie, and rows in cache |
@@ -15,6 +15,7 @@
 
 mod adjoint_sweep;
 mod bands;
+mod ends;
 mod groups;
 mod held_groups;
 mod interleaving;

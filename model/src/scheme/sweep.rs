@@ -2,6 +2,7 @@
 //! [`super::rows`]); leapfrog has one stage.
 
 use super::bands::{Band, bands};
+use super::ends::ends;
 use super::rows::{Ring, Row, RowStream};
 use super::tendency::Tendency;
 use super::update::{Scheme, add_slopes, combine, leap};
@@ -28,7 +29,7 @@ pub(crate) fn sweep<T: Tendency>(tendency: &T, scheme: Scheme<'_>, x: &mut [f64]
     let reach = stages * first.reach;
     let mut wavefronts = vec![first];
     for _ in 0..steps {
-        let mut bands = bands(grid, x, variables, lanes, reach);
+        let mut bands = bands((grid, ends(tendency)), x, variables, lanes, reach);
         let missing = bands.len() - wavefronts.len();
         wavefronts.extend((0..missing).filter_map(|_| wavefront()));
         match (&mut bands[..], &mut wavefronts[..]) {

@@ -11,6 +11,7 @@
 //! sum is long and none cancels by more than the time step makes good: a step adds Δt F δx, whose size the stability limit
 //! holds to that of δx, so that the errors of a step are some 2⁻²⁴ of the increment, in hyperdiffusion as in gravity waves.
 
+use super::ends::{End, ends, needed};
 use super::groups::{follows_state, for_each_group, linearised_at};
 use super::held_groups::HeldGroups;
 use super::rows::{Pushed, Ring, Row, TangentRowStream};
@@ -19,7 +20,7 @@ use super::strips::{Lanes, Strip, StripReader};
 use super::tendency::Tendency;
 use super::update::{Scheme, combine, leap};
 use crate::forecast::{Between, Exchange};
-use crate::grid::{Boundary, Grid};
+use crate::grid::Grid;
 use crate::state::State;
 use crate::stored::{ColumnsMut, Stored};
 use pulp::Arch;
@@ -112,7 +113,7 @@ fn sweeps<'a, T: Tendency, N: Stored>(
     Some(move |lanes: Lanes| {
         let stream = |_| tendency.tangent_row_stream(lanes.most_places(grid.nx, scheme.stages(), reach), lanes);
         let streams: Option<Vec<_>> = (0..scheme.stages()).map(stream).collect();
-        Some(TangentWavefront::new(scheme, streams?, grid, variables, lanes))
+        Some(TangentWavefront::new(scheme, streams?, (grid, ends(tendency)), variables, lanes))
     })
 }
 
@@ -121,6 +122,7 @@ struct TangentWavefront<'a, N> {
     arch: Arch,
     scheme: Scheme<'a>,
     grid: &'a Grid,
+    ends: [End; 2],
     variables: usize,
     lanes: Lanes,
     streams: Vec<Box<dyn TangentRowStream<N> + 'a>>,
@@ -146,7 +148,7 @@ impl<'a, N: Stored> TangentWavefront<'a, N> {
     fn new(
         scheme: Scheme<'a>,
         streams: Vec<Box<dyn TangentRowStream<N> + 'a>>,
-        grid: &'a Grid,
+        (grid, ends): (&'a Grid, [End; 2]),
         variables: usize,
         lanes: Lanes,
     ) -> Self {
@@ -158,6 +160,7 @@ impl<'a, N: Stored> TangentWavefront<'a, N> {
             arch: Arch::new(),
             scheme,
             grid,
+            ends,
             variables,
             lanes,
             pushed: vec![0; stages],
@@ -195,12 +198,13 @@ impl<'a, N: Stored> TangentWavefront<'a, N> {
 
     fn sweep_strip(&mut self, at: &[f64], after: &mut [f64], columns: &mut [N]) {
         let stages = self.streams.len();
-        let walls = self.grid.boundary == Boundary::Channel;
-        let (ny, of_stage, of_all) = (self.grid.ny as isize, self.stage_reach, self.total_reach);
-        let reach = if walls { 0 } else { of_all };
+        let (ny, of_stage) = (self.grid.ny as isize, self.stage_reach);
         let shape = [self.grid.nx, self.grid.cells()];
         self.pushed.fill(0);
-        for row in -reach..ny + reach {
+        let rows = needed(&(0..self.grid.ny), self.grid.ny, self.ends, self.total_reach as usize);
+        // Those that come again at the end of a periodic domain.
+        let again = 0..rows.end - ny;
+        for row in rows {
             let grid_row = row.rem_euclid(ny);
             load_state(at, shape, grid_row as usize, self.strip, self.x.states[0].row_mut(row));
             let increments = self.dx.states[0].row_mut(row);
@@ -208,13 +212,13 @@ impl<'a, N: Stored> TangentWavefront<'a, N> {
                 increments.copy_from_slice(self.first_rows.row(grid_row));
             } else {
                 self.reader.read(columns, grid_row as usize, self.strip, row >= 0, increments);
-                if (0..reach).contains(&row) {
+                if again.contains(&row) {
                     self.first_rows.row_mut(row).copy_from_slice(self.dx.states[0].row(row));
                 }
             }
             self.cascade(0, row, at, after, columns);
         }
-        if walls {
+        if self.ends[1] == End::Wall {
             for stage in 0..stages {
                 self.push_beyond(stage, ny - 1, false);
                 self.continue_with(stage, ny - of_stage, at, after, columns);
@@ -230,8 +234,7 @@ impl<'a, N: Stored> TangentWavefront<'a, N> {
 
     fn cascade(&mut self, stage: usize, row: isize, at: &[f64], after: &mut [f64], columns: &mut [N]) {
         self.pushed[stage] += 1;
-        let walls = self.grid.boundary == Boundary::Channel;
-        if self.pushed[stage] == 1 && walls {
+        if self.pushed[stage] == 1 && self.ends[0] == End::Wall {
             // The row beyond the wall stands for all rows there within reach.
             self.pushed[stage] += self.stage_reach as usize;
             return self.push_beyond(stage, row, true);

@@ -20,13 +20,19 @@ pub trait Tendency: Send + Sync + 'static {
     fn layout(&self) -> &Arc<Layout>;
 
     /// f on some rows of the grid, as a domain of its own with walls at both ends, where `rows` may go beyond a periodic edge: it is
-    /// the same as on the whole, to the bit, but within [`Tendency::reach`] rows of an end that is no wall of the whole. `None` if
-    /// there is no such form of it.
+    /// the same as on the whole, to the bit, but within [`Tendency::reach`] rows of an end that is no wall of the whole; such an end
+    /// is open ([`Tendency::open_ends`]). `None` if there is no such form of it.
     fn in_rows(&self, _rows: &Range<isize>) -> Option<Self>
     where
         Self: Sized,
     {
         None
+    }
+
+    /// Whether the southern and the northern end of the grid only look like walls: the domain goes on there, and a step need not
+    /// advance what depends on the rows beyond.
+    fn open_ends(&self) -> [bool; 2] {
+        [false; 2]
     }
 
     /// How many rows of x on either side f depends on.

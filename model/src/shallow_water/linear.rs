@@ -131,6 +131,10 @@ impl Tendency for LinearShallowWater {
         Some(Self { bounds: self.bounds, ..Self::about(nonlinear, basic_state) })
     }
 
+    fn open_ends(&self) -> [bool; 2] {
+        self.nonlinear.open_ends()
+    }
+
     fn reach(&self) -> usize {
         self.nonlinear.reach()
     }

@@ -93,6 +93,8 @@ pub struct ShallowWater {
     halo: Halo,
     /// The row, counted like the others, at which f = f0: in the middle of the whole domain, also where the grid is some of its rows.
     middle_row: f64,
+    /// Whether the domain goes on beyond the southern and the northern end of the grid.
+    open_ends: [bool; 2],
     /// f at the corners, padded.
     coriolis: Vec<f64>,
 }
@@ -164,7 +166,7 @@ impl ShallowWater {
     pub fn new(grid: Grid, parameters: ShallowWaterParameters, form: VectorInvariant) -> Result<Self, ModelError> {
         parameters.validate(grid.boundary)?;
         let middle_row = 0.5 * grid.ny as f64;
-        Self::about_row(grid, parameters, form, middle_row)
+        Self::about_row(grid, parameters, form, middle_row, [false; 2])
     }
 
     /// The equations with f = f0 at a row.
@@ -173,10 +175,11 @@ impl ShallowWater {
         parameters: ShallowWaterParameters,
         form: VectorInvariant,
         middle_row: f64,
+        open_ends: [bool; 2],
     ) -> Result<Self, ModelError> {
         let halo = Halo::new(&grid, 1)?;
         let coriolis = halo.zeros();
-        let mut equations = Self { layout: layout(grid), parameters, form, halo, middle_row, coriolis };
+        let mut equations = Self { layout: layout(grid), parameters, form, halo, middle_row, open_ends, coriolis };
         for row in 0..equations.halo.core_len() / equations.halo.stride() {
             let coriolis = equations.coriolis_at(row as f64 - 1.0);
             let stride = equations.halo.stride();
@@ -229,8 +232,14 @@ impl Tendency for ShallowWater {
     }
 
     fn in_rows(&self, rows: &Range<isize>) -> Option<Self> {
-        let (grid, middle_row) = (self.layout.grid.of_rows(rows), self.middle_row - rows.start as f64);
-        Self::about_row(grid, self.parameters, self.form, middle_row).ok()
+        let (whole, middle_row) = (&self.layout.grid, self.middle_row - rows.start as f64);
+        let [south, north] = self.open_ends.map(|is_open| is_open || whole.boundary == Boundary::Periodic);
+        let open_ends = [south || rows.start > 0, north || rows.end < whole.ny as isize];
+        Self::about_row(whole.of_rows(rows), self.parameters, self.form, middle_row, open_ends).ok()
+    }
+
+    fn open_ends(&self) -> [bool; 2] {
+        self.open_ends
     }
 
     /// With hyperdiffusion two rows.
