@@ -38,6 +38,11 @@ impl TallMatrix {
         }
     }
 
+    /// Which of all rows one of this rank's is.
+    pub fn row_of(&self, own_row: usize) -> usize {
+        self.bands.as_ref().map_or(own_row, |bands| bands.index_of(own_row))
+    }
+
     /// The rows of this rank of a vector of all rows.
     pub(super) fn own_part<'a>(&self, whole: &'a [f64]) -> Cow<'a, [f64]> {
         self.bands.as_ref().map_or(Cow::Borrowed(whole), |bands| bands.own_part(whole).into())
@@ -52,6 +57,14 @@ impl TallMatrix {
                 change(&mut own);
                 y.copy_from_slice(&bands.gather(own));
             }
+        }
+    }
+
+    /// A vector of all rows, of which each rank has those right that it has. Collective.
+    pub fn of_all_ranks(&self, y: Vec<f64>) -> Vec<f64> {
+        match &self.bands {
+            None => y,
+            Some(bands) => bands.gather(bands.own_part(&y)),
         }
     }
 

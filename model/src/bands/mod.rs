@@ -86,6 +86,12 @@ impl Bands {
         own.contains(&cell).then(|| field * own.len() + cell - own.start)
     }
 
+    /// Where a value of this rank's part of fields `[field, y, x]` is in the whole: the inverse of [`Bands::own_index`].
+    pub fn index_of(&self, own_index: usize) -> usize {
+        let own = self.own_cells();
+        own_index / own.len() * self.grid.cells() + own.start + own_index % own.len()
+    }
+
     /// This rank's part of fields `[field, y, x]`.
     pub fn own_part(&self, whole: &[f64]) -> Vec<f64> {
         self.part_of(self.communicator.rank(), whole)

@@ -3,12 +3,16 @@
 use super::factors::Factors;
 use super::grid_blocks::Blocks;
 use crate::covariance::{self, Covariance};
+use crate::error::Error;
 use crate::linalg::add_product;
+use crate::memory::{read, require, write};
 use crate::tall_matrix::{own_row, stored};
 use faer::{Mat, MatMut, MatRef};
 use isobar_model::{Bands, Stored};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::io::{Read, Write};
 use std::ops::Range;
 
 /// Values of the matrices that one thread works on at a time.
@@ -18,19 +22,31 @@ const VALUES: usize = 8192;
 const SMALL: usize = 12;
 
 /// blkdiag(C_1 … C_K).
+///
+/// Where several ranks compute a run, each has the blocks in its rows. What an analysis does to the blocks that it sees, wherever they
+/// are, every rank does for itself, with copies that the others have lent it: see [`BlockDiagonal::lend`].
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(in crate::errors) struct BlockDiagonal {
     values: Vec<f64>,
+    /// Which blocks these are.
+    own: Range<usize>,
+    /// Copies of others.
+    #[serde(skip)]
+    lent: BTreeMap<usize, Vec<f64>>,
 }
 
 impl BlockDiagonal {
     pub fn zeros(blocks: &Blocks) -> Self {
-        Self { values: vec![0.0; blocks.matrices_len()] }
+        Self::zeros_of(blocks, 0..blocks.count())
     }
 
-    /// The blocks of a covariance of states; zero for local parameters.
-    pub fn of(operator: &dyn Covariance, blocks: &Blocks) -> Self {
-        let mut result = Self::zeros(blocks);
+    fn zeros_of(blocks: &Blocks, own: Range<usize>) -> Self {
+        Self { values: vec![0.0; blocks.matrices_of(&own).len()], own, lent: BTreeMap::new() }
+    }
+
+    /// The blocks of a covariance of states, those in this rank's rows; zero for local parameters.
+    pub fn of(operator: &dyn Covariance, blocks: &Blocks, bands: &Bands) -> Self {
+        let mut result = Self::zeros_of(blocks, blocks.in_rows(bands, &bands.own()));
         result.for_each_block(blocks, |block, mut matrix| {
             let members = blocks.members(block);
             let on_grid = &members[..members.partition_point(|&variable| variable < operator.len())];
@@ -58,14 +74,59 @@ impl BlockDiagonal {
         &mut self.values
     }
 
-    pub fn block(&self, blocks: &Blocks, block: usize) -> MatRef<'_, f64> {
-        let size = blocks.size(block);
-        MatRef::from_column_major_slice(&self.values[blocks.matrix(block)], size, size)
+    /// Which blocks this rank has.
+    pub fn own(&self) -> &Range<usize> {
+        &self.own
     }
 
+    /// Whether it has the same blocks as another, whatever was stored.
+    pub fn is_like(&self, other: &BlockDiagonal) -> bool {
+        self.own == other.own && self.values.len() == other.values.len()
+    }
+
+    /// A block that this rank has, or a copy that another has lent it.
+    pub fn block(&self, blocks: &Blocks, block: usize) -> MatRef<'_, f64> {
+        let (size, place) = (blocks.size(block), self.place(blocks, block));
+        MatRef::from_column_major_slice(place.map_or_else(|| &self.lent[&block][..], |at| &self.values[at]), size, size)
+    }
+
+    /// As [`BlockDiagonal::block`].
     pub fn block_mut(&mut self, blocks: &Blocks, block: usize) -> MatMut<'_, f64> {
-        let size = blocks.size(block);
-        MatMut::from_column_major_slice_mut(&mut self.values[blocks.matrix(block)], size, size)
+        let (size, place) = (blocks.size(block), self.place(blocks, block));
+        let matrix = match place {
+            Some(place) => &mut self.values[place],
+            None => self.lent.get_mut(&block).expect("a block of another rank is used once it is lent"),
+        };
+        MatMut::from_column_major_slice_mut(matrix, size, size)
+    }
+
+    /// Where a block of this rank lies in the values.
+    fn place(&self, blocks: &Blocks, block: usize) -> Option<Range<usize>> {
+        let (first, Range { start, end }) = (blocks.matrices_of(&self.own).start, blocks.matrix(block));
+        self.own.contains(&block).then(|| start - first..end - first)
+    }
+
+    /// Copies some blocks, ascending, from the ranks that have them to all. Collective.
+    pub fn lend(&mut self, blocks: &Blocks, wanted: &[usize], bands: &Bands) {
+        self.lent.clear();
+        if bands.is_whole() {
+            return;
+        }
+        let own = wanted.iter().filter_map(|&block| self.place(blocks, block));
+        let own: Vec<f64> = own.flat_map(|place| &self.values[place]).copied().collect();
+        let all = bands.communicator().gather_all(&own).concat();
+        let mut left = &all[..];
+        for &block in wanted {
+            let matrix = left.split_off(..blocks.matrix(block).len()).expect("each rank sends those that it has");
+            if !self.own.contains(&block) {
+                self.lent.insert(block, matrix.to_vec());
+            }
+        }
+    }
+
+    /// Gives up the copies of other ranks' blocks.
+    pub fn give_back(&mut self) {
+        self.lent.clear();
     }
 
     /// Applies `work` to each block's number and matrix, in parallel.
@@ -81,10 +142,10 @@ impl BlockDiagonal {
     /// Applies `work` to the number of the first block and the matrices of each chunk of blocks, in parallel.
     fn for_each_chunk(&mut self, blocks: &Blocks, work: impl Fn(usize, &mut [f64]) + Sync) {
         let count = (VALUES * blocks.count() / blocks.matrices_len().max(1)).max(1);
-        let mut chunks = Vec::with_capacity(blocks.count().div_ceil(count));
+        let mut chunks = Vec::with_capacity(self.own.len().div_ceil(count));
         let mut rest = self.values.as_mut_slice();
-        for first in (0..blocks.count()).step_by(count) {
-            let last = (first + count).min(blocks.count()) - 1;
+        for first in self.own.clone().step_by(count) {
+            let last = (first + count).min(self.own.end) - 1;
             let (own, others) = rest.split_at_mut(blocks.matrix(last).end - blocks.matrix(first).start);
             chunks.push((first, own));
             rest = others;
@@ -97,29 +158,13 @@ impl BlockDiagonal {
         self.values.par_iter_mut().zip(&other.values).for_each(|(own, other)| *own += other);
     }
 
-    /// Has the blocks of each rank's rows as that rank has them, on all.
-    pub fn share(&mut self, blocks: &Blocks, bands: &Bands) {
-        if bands.is_whole() {
-            return;
-        }
-        // They lie one after another, as the rows do.
-        let Range { start, end } = blocks.in_rows(bands, &bands.own());
-        let own = &self.values[blocks.matrix(start).start..blocks.matrix(end - 1).end];
-        self.values = bands.communicator().gather_all(own).concat();
-    }
-
-    /// C_k += sign Φ_k Φ_kᵀ, the block diagonal of what the factors hold. Where several ranks have the rows of Φ, only the blocks in
-    /// this one's rows are right afterwards: see [`BlockDiagonal::share`].
+    /// C_k += sign Φ_k Φ_kᵀ, the block diagonal of what the factors hold.
     pub fn add_factors(&mut self, blocks: &Blocks, sign: f64, factors: &Factors) {
         let (m, own_rows, bands) = (factors.state.rows(), factors.state.own_rows(), factors.state.bands());
-        let own_blocks = bands.map_or(0..blocks.count(), |bands| blocks.in_rows(bands, &bands.own()));
         // Where each variable is among the rows of this rank; nowhere in particular if it is elsewhere, as is its block.
         let place = |variable| own_row(bands, variable).unwrap_or(0) as u32;
         let places: Option<Vec<u32>> = bands.map(|_| (0..m).into_par_iter().map(place).collect());
         self.for_each_chunk(blocks, |first, matrices| {
-            if first >= own_blocks.end || first + matrices.len() <= own_blocks.start {
-                return;
-            }
             for_each_matrix(blocks, first, matrices, |block, own| {
                 let (members, size) = (blocks.members(block), blocks.size(block));
                 if size > SMALL {
@@ -181,12 +226,40 @@ impl BlockDiagonal {
         });
     }
 
-    /// Adds the diagonals to the variances of the block variables.
+    /// Adds the diagonals of the blocks that this rank has to the variances of the block variables.
     pub fn add_variances(&self, blocks: &Blocks, variances: &mut [f64]) {
+        let first = blocks.matrices_of(&self.own).start;
         variances.par_iter_mut().enumerate().for_each(|(variable, variance)| {
             let (block, position) = blocks.place(variable);
-            *variance += self.values[blocks.matrix(block).start + position * (blocks.size(block) + 1)];
+            if self.own.contains(&block) {
+                *variance += self.values[blocks.matrix(block).start - first + position * (blocks.size(block) + 1)];
+            }
         });
+    }
+
+    /// Writes the blocks of all ranks; what another rank than 0 writes lacks them. Collective.
+    ///
+    /// # Errors
+    /// [`Error::Memory`].
+    pub fn save(&self, bands: &Bands, to: &mut dyn Write) -> Result<(), Error> {
+        if bands.is_whole() {
+            return write(&self.values, to);
+        }
+        let ranks: Vec<usize> = (0..bands.communicator().ranks()).collect();
+        let sources = if bands.communicator().rank() == 0 { &ranks[..] } else { &[] };
+        write(&bands.communicator().exchange(vec![(0, self.values.clone())], sources).concat(), to)
+    }
+
+    /// This rank's blocks of those that [`BlockDiagonal::save`] has written.
+    ///
+    /// # Errors
+    /// [`Error::Memory`].
+    pub fn read_like(&self, blocks: &Blocks, from: &mut dyn Read) -> Result<Self, Error> {
+        let mut values: Vec<f64> = read(from)?;
+        require(values.len() == blocks.matrices_len(), "the covariance of the blocks")?;
+        values.truncate(blocks.matrices_of(&self.own).end);
+        values.drain(..blocks.matrices_of(&self.own).start);
+        Ok(Self { values, own: self.own.clone(), lent: BTreeMap::new() })
     }
 }
 

@@ -6,7 +6,7 @@ use super::factored_covariance::{FactoredCovariance, Patch};
 use super::factors::Factors;
 use super::{BlockErrors, Frame};
 use crate::error::Error;
-use crate::linalg::{add_symmetric_product, cholesky, semidefinite_root};
+use crate::linalg::{add_symmetric_product, cholesky, semidefinite_root, summed};
 use faer::{Mat, MatRef};
 use std::borrow::Cow;
 use std::sync::Arc;
@@ -57,7 +57,6 @@ impl BlockErrors {
         let (m, p, cells) = (layout.len(), local.len() + shared.len(), layout.grid.cells());
         let rows = self.joint_rows(self.factors());
         let mut joint = Mat::zeros(rows.nrows(), rows.nrows());
-        add_symmetric_product(joint.as_mut(), 1.0, rows.as_ref(), rows.transpose());
         // Of the block diagonal: where each block variable belongs in the joint vector, and with which weight.
         let place = |variable: usize| {
             if variable < m { (p + variable / cells, 1.0 / cells as f64) } else { (local[variable - m], 1.0) }
@@ -71,6 +70,8 @@ impl BlockErrors {
                 }
             }
         }
+        let mut joint = summed(self.frame.bands.communicator(), joint);
+        add_symmetric_product(joint.as_mut(), 1.0, rows.as_ref(), rows.transpose());
         joint
     }
 
@@ -81,7 +82,9 @@ impl BlockErrors {
         let FactoredCovariance { own, linked, factors } = &mut self.memory.covariance;
         frame.decay(kept, factors);
         for (i, &number) in frame.local.iter().enumerate() {
-            own.scale(&frame.blocks, m + i, kept[number]);
+            if own.own().contains(&frame.blocks.place(m + i).0) {
+                own.scale(&frame.blocks, m + i, kept[number]);
+            }
             for Patch { variables, covariance } in linked.iter_mut() {
                 if let Ok(place) = variables.binary_search(&(m + i)) {
                     scale_row_and_column(covariance.as_mut(), place, kept[number]);
@@ -141,8 +144,10 @@ impl BlockErrors {
             let variance = (shared..=i).map(|j| root[(i, j)].powi(2)).sum();
             let (block, position) = frame.blocks.place(m + i - shared);
             let own = &mut self.memory.covariance.own;
-            own.clear(&frame.blocks, m + i - shared);
-            own.block_mut(&frame.blocks, block)[(position, position)] = variance;
+            if own.own().contains(&block) {
+                own.clear(&frame.blocks, m + i - shared);
+                own.block_mut(&frame.blocks, block)[(position, position)] = variance;
+            }
         }
         Ok(())
     }

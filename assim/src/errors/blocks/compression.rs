@@ -102,9 +102,6 @@ pub(super) fn join_and_compress(
     factors.recombine(joining.model_error.map(|it| it.factors), recombination);
     own.add_factors(blocks, -1.0, factors);
     own.clear_rounding(blocks, &all, rounding(r + q));
-    if let Some(bands) = factors.state.bands() {
-        own.share(blocks, bands);
-    }
     factors.shared = Matrix(Mat::zeros(p, p + kept));
     factors.shared.as_mut().get_mut(.., ..p).copy_from(carried.transpose());
 }

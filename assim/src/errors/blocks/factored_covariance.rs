@@ -31,14 +31,25 @@ pub(super) struct FactoredCovariance {
 }
 
 impl FactoredCovariance {
-    /// The variances of the block variables and of the shared parameters.
+    /// The variances of the block variables and of the shared parameters. Collective.
     pub fn variances(&self, blocks: &Blocks) -> (Vec<f64>, Vec<f64>) {
         let (mut of_blocks, of_shared) = self.factors.variances(0);
         self.own.add_variances(blocks, &mut of_blocks);
+        let of_local = of_blocks.split_off(self.factors.state.rows());
+        let mut of_blocks = self.factors.state.of_all_ranks(of_blocks);
+        of_blocks.extend(self.of_owners(of_local, |local| blocks.place(self.factors.state.rows() + local).0));
         (of_blocks, of_shared)
     }
 
-    /// The patches that make up the block-diagonal part: linked ones, and the blocks that are in none. A block is
+    /// What each rank has found of things that are in blocks, as the rank of the block has it.
+    fn of_owners(&self, mut values: Vec<f64>, block_of: impl Fn(usize) -> usize) -> Vec<f64> {
+        let elsewhere = |number: &usize| !self.own.own().contains(&block_of(*number));
+        (0..values.len()).filter(elsewhere).for_each(|number| values[number] = 0.0);
+        self.factors.sum(&mut values);
+        values
+    }
+
+    /// The patches that make up the block-diagonal part, those of this rank: linked ones, and the blocks that are in none. A block is
     /// never split: all of it is in one patch.
     pub fn patches<'a>(&'a self, blocks: &'a Blocks) -> Vec<(&'a [usize], MatRef<'a, f64>)> {
         let mut in_patch = vec![false; blocks.count()];
@@ -47,7 +58,7 @@ impl FactoredCovariance {
             patch.variables.iter().for_each(|&variable| in_patch[blocks.place(variable).0] = true);
             patches.push((patch.variables.as_slice(), patch.covariance.as_ref()));
         }
-        let alone = (0..blocks.count()).filter(|&block| !in_patch[block]);
+        let alone = self.own.own().clone().filter(|&block| !in_patch[block]);
         patches.extend(alone.map(|block| (blocks.members(block), self.own.block(blocks, block))));
         patches
     }
@@ -69,12 +80,12 @@ impl FactoredCovariance {
         dense
     }
 
-    /// Fails unless it is one of these blocks.
+    /// Fails unless it is one of these blocks, as another is.
     ///
     /// # Errors
     /// [`Error::Memory`].
-    pub fn require(&self, blocks: &Blocks) -> Result<(), Error> {
-        require(self.own.values().len() == blocks.matrices_len(), "the covariance of the blocks")?;
+    pub fn require(&self, blocks: &Blocks, like: &FactoredCovariance) -> Result<(), Error> {
+        require(self.own.is_like(&like.own), "the covariance of the blocks")?;
         // No variable is in two patches, and those of a patch ascend.
         let mut held = vec![false; blocks.variables()];
         for Patch { variables, covariance } in &self.linked {

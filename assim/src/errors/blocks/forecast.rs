@@ -56,7 +56,9 @@ impl BlockErrors {
         }
         for (number, sigma) in drift(&frame.local).iter().enumerate() {
             let (block, position) = frame.blocks.place(m + number);
-            covariance.own.block_mut(&frame.blocks, block)[(position, position)] += sigma * sigma;
+            if covariance.own.own().contains(&block) {
+                covariance.own.block_mut(&frame.blocks, block)[(position, position)] += sigma * sigma;
+            }
         }
         let drift = drift(&frame.shared);
         if frame.settings.bias_coupling == BiasCoupling::Drop {

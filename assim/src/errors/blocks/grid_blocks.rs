@@ -148,6 +148,11 @@ impl Blocks {
         self.matrix_starts[block]..self.matrix_starts[block + 1]
     }
 
+    /// Where the matrices of some blocks lie, which follow each other.
+    pub fn matrices_of(&self, blocks: &Range<usize>) -> Range<usize> {
+        self.matrix_starts[blocks.start]..self.matrix_starts[blocks.end]
+    }
+
     /// Values in the matrices of all blocks.
     pub fn matrices_len(&self) -> usize {
         self.matrix_starts[self.count()]

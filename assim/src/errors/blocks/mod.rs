@@ -72,7 +72,7 @@ use crate::tall_matrix::{TallMatrix, scaled_gram};
 use factored_covariance::FactoredCovariance;
 use factors::Further;
 use faer::{Mat, MatRef, Scale};
-use isobar_model::{Layout, TangentLinear, random};
+use isobar_model::{Bands, Layout, TangentLinear, random};
 use isobar_obs::ByPlacement;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
@@ -95,6 +95,8 @@ pub struct BlockErrors {
 struct Frame {
     settings: FastKalmanSettings,
     layout: Arc<Layout>,
+    /// Which rank has which rows.
+    bands: Bands,
     blocks: Blocks,
     /// Numbers of the local parameters in the calibration, in the order of their block variables.
     local: Vec<usize>,
@@ -228,21 +230,20 @@ impl BlockErrors {
             let mut factors = leading(operator, &mut random);
             factors.shrink_to_fit();
             let gram = scaled_gram(&factors, &scales[..m]);
-            ModelError { factors, gram, blocks: BlockDiagonal::of(operator, &blocks) }
+            ModelError { factors, gram, blocks: BlockDiagonal::of(operator, &blocks, &bands) }
         });
         let mut state = leading(&*problem.background_error, &mut of_background);
         state.prepend(p);
         let factors = factors::with_priors(state, &calibration, &shared, &local)?;
-        let mut own = BlockDiagonal::of(&*problem.background_error, &blocks);
+        let mut own = BlockDiagonal::of(&*problem.background_error, &blocks, &bands);
         let mut all = vec![0.0; blocks.variables()];
         own.add_variances(&blocks, &mut all);
         own.add_factors(&blocks, -1.0, &factors);
-        own.share(&blocks, &bands);
         // What the factors hold of it has just been taken out.
         for (i, &number) in local.iter().enumerate() {
             for (j, &other) in local.iter().enumerate() {
                 let ((block, row), (of_other, column)) = (blocks.place(m + i), blocks.place(m + j));
-                if block == of_other {
+                if block == of_other && own.own().contains(&block) {
                     own.block_mut(&blocks, block)[(row, column)] += calibration.prior_covariance(number, other);
                 }
             }
@@ -252,7 +253,7 @@ impl BlockErrors {
         let memory =
             Memory { covariance: FactoredCovariance { own, linked: Vec::new(), factors }, random, smoother: None };
         let memory_limit_bytes = problem.memory_limit_bytes;
-        let frame = Frame { settings, layout, blocks, local, shared, model_error, scales, memory_limit_bytes };
+        let frame = Frame { settings, layout, bands, blocks, local, shared, model_error, scales, memory_limit_bytes };
         Ok(Self { frame: Arc::new(frame), coarse: None, memory })
     }
 
@@ -337,12 +338,14 @@ impl Errors for BlockErrors {
     fn save(&self, to: &mut dyn Write) -> Result<(), Error> {
         let Memory { covariance: FactoredCovariance { own, linked, factors }, random, smoother } = &self.memory;
         let Factors { state, local, shared, past } = factors;
-        write(&(own, linked, local, shared, past, random, smoother), to)?;
+        write(&(linked, local, shared, past, random, smoother), to)?;
+        own.save(&self.frame.bands, to)?;
         state.save(to)
     }
 
     fn read(&self, from: &mut dyn Read) -> Result<Memory, Error> {
-        let (own, linked, local, shared, past, random, smoother) = read(from)?;
+        let (linked, local, shared, past, random, smoother) = read(from)?;
+        let own = self.memory.covariance.own.read_like(&self.frame.blocks, from)?;
         let state = self.factors().state.read_like(from)?;
         let factors = Factors { state, local, shared, past };
         Ok(Memory { covariance: FactoredCovariance { own, linked, factors }, random, smoother })
@@ -350,7 +353,7 @@ impl Errors for BlockErrors {
 
     fn recall(&mut self, memory: Memory, s: &Augmented) -> Result<(), Error> {
         let Frame { blocks, shared, layout, local, .. } = &*self.frame;
-        memory.covariance.require(blocks)?;
+        memory.covariance.require(blocks, &self.memory.covariance)?;
         let fits = memory.covariance.factors.has_rows(layout.len(), local.len(), shared.len());
         require(fits, "the matrix of the factors")?;
         let past = memory.covariance.factors.past.len();

@@ -3,7 +3,7 @@
 use super::solution::{augmented, of_blocks};
 use super::{BlockErrors, Frame};
 use faer::MatRef;
-use isobar_model::vector::{axpy, dot};
+use isobar_model::vector::{add, axpy, dot};
 
 impl BlockErrors {
     /// (blkdiag(C) + Φ Φᵀ) h for an h over (x, c). It costs as much as the factors, (m + p) r, and the blocks that h touches.
@@ -23,11 +23,14 @@ impl BlockErrors {
         factors.sum(&mut amplitudes);
         let mut image = vec![0.0; blocks.variables()];
         factors.multiply_add(&amplitudes, &mut image);
+        let mut through_blocks = vec![0.0; image.len()];
         for &(variable, weight) in &of_blocks {
-            let (members, own) = self.part_of(variable);
+            let Some((members, own)) = self.part_of(variable) else { continue };
             let column = members.binary_search(&variable).expect("a variable is in its block");
-            members.iter().enumerate().for_each(|(i, &member)| image[member] += weight * own[(i, column)]);
+            members.iter().enumerate().for_each(|(i, &member)| through_blocks[member] += weight * own[(i, column)]);
         }
+        factors.sum(&mut through_blocks);
+        add(&mut image, &through_blocks);
         let mut of_shared = vec![0.0; shared.len()];
         (0..factors.columns()).for_each(|j| axpy(amplitudes[j], factors.shared.col_as_slice(j), &mut of_shared));
         augmented(&image, &of_shared, local, shared)
@@ -66,29 +69,28 @@ impl BlockErrors {
             factors.sum(&mut amplitudes);
             amplitudes
         };
-        let mut sum = dot(&amplitudes(&a_blocks, &a_shared), &amplitudes(&b_blocks, &b_shared));
+        let mut through_blocks = [0.0];
         for &(variable, weight) in &a_blocks {
-            let (members, own) = self.part_of(variable);
+            let Some((members, own)) = self.part_of(variable) else { continue };
             let column = members.binary_search(&variable).expect("a variable is in its block");
             for &(other, its_weight) in &b_blocks {
                 if let Ok(row) = members.binary_search(&other) {
-                    sum += weight * its_weight * own[(row, column)];
+                    through_blocks[0] += weight * its_weight * own[(row, column)];
                 }
             }
         }
-        sum
+        factors.sum(&mut through_blocks);
+        dot(&amplitudes(&a_blocks, &a_shared), &amplitudes(&b_blocks, &b_shared)) + through_blocks[0]
     }
 
     /// The block variables that one is correlated with apart from the factors, and their covariance: those of its block, or of
-    /// the patch of blocks that observations have linked.
-    fn part_of(&self, variable: usize) -> (&[usize], MatRef<'_, f64>) {
+    /// the patch of blocks that observations have linked. `None` if another rank has its block.
+    fn part_of(&self, variable: usize) -> Option<(&[usize], MatRef<'_, f64>)> {
         let (blocks, covariance) = (&self.frame.blocks, &self.memory.covariance);
-        match covariance.linked.iter().find(|it| it.variables.binary_search(&variable).is_ok()) {
-            Some(patch) => (patch.variables.as_slice(), patch.covariance.as_ref()),
-            None => {
-                let block = blocks.place(variable).0;
-                (blocks.members(block), covariance.own.block(blocks, block))
-            }
+        if let Some(patch) = covariance.linked.iter().find(|it| it.variables.binary_search(&variable).is_ok()) {
+            return Some((patch.variables.as_slice(), patch.covariance.as_ref()));
         }
+        let block = blocks.place(variable).0;
+        covariance.own.own().contains(&block).then(|| (blocks.members(block), covariance.own.block(blocks, block)))
     }
 }

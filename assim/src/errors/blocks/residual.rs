@@ -59,7 +59,8 @@ fn draw_probes(
             let (root, first) = (roots.block(blocks, block), blocks.position(variable) - row);
             (0..=row).map(|j| root[(row, j)] * normals[first + j]).sum()
         };
-        columns.set_column(number, &(0..columns.rows()).into_par_iter().map(draw).collect::<Vec<_>>());
+        let own: Vec<f64> = (0..columns.own_rows()).into_par_iter().map(|row| draw(columns.row_of(row))).collect();
+        columns.edit_own_column(number, |column| column.copy_from_slice(&own));
     }
 }
 

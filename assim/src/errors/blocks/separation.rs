@@ -29,15 +29,34 @@ impl BlockErrors {
         free: usize,
     ) -> Result<BlockAnalysis, Error> {
         let frame = Arc::clone(&self.frame);
-        let Frame { blocks, settings, .. } = &*frame;
+        let blocks = &frame.blocks;
         let touched = blocks.touched(&rows.block);
-        let components = block_angular::components(blocks.count(), &touched);
+        let mut wanted = touched.concat();
+        wanted.sort_unstable();
+        wanted.dedup();
+        self.memory.covariance.own.lend(blocks, &wanted, &frame.bands);
+        let analysis = self.analyse_touched(&touched, rows, innovations, free);
+        self.memory.covariance.own.give_back();
+        analysis
+    }
+
+    /// [`BlockErrors::analyse_rows`] where all blocks are there that each row touches.
+    fn analyse_touched(
+        &mut self,
+        touched: &[Vec<usize>],
+        rows: &SplitRows,
+        innovations: &Innovations,
+        free: usize,
+    ) -> Result<BlockAnalysis, Error> {
+        let frame = Arc::clone(&self.frame);
+        let Frame { blocks, settings, .. } = &*frame;
+        let components = block_angular::components(blocks.count(), touched);
         if components.iter().all(|component| self.component_size(component) <= settings.largest_component) {
             let partition = self.report(&components, &Separation::default());
             return Ok(self.update_components(&components, rows, innovations, free)?.with(partition));
         }
         let seen = seen_variables(rows, blocks.variables());
-        let separation = Separation::new(blocks, settings.largest_component, &components, &touched, &seen);
+        let separation = Separation::new(blocks, settings.largest_component, &components, touched, &seen);
         if separation.unknowns > settings.separator_factors || !self.fits(separation.unknowns) {
             let mut partition = self.report(&components, &Separation::default());
             let (solved, sizes) = self.update_nested(&components, rows, innovations, &seen, free)?;
@@ -46,7 +65,7 @@ impl BlockErrors {
             return Ok(solved.with(partition));
         }
         self.join_separators(&separation, &seen);
-        let components = separation.components(blocks, touched);
+        let components = separation.components(blocks, touched.to_vec());
         let partition = self.report(&components, &separation);
         Ok(self.update_components(&components, rows, innovations, free)?.with(partition))
     }

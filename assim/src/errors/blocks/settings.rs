@@ -82,7 +82,7 @@ impl FastKalmanSettings {
     }
 
     /// Fails if they make no sense for a state of `m` values, or need more memory than the limit where a rank has this share of the
-    /// factors' rows.
+    /// blocks and of the factors' rows.
     ///
     /// # Errors
     /// [`Error::Setting`], [`Error::TooLarge`].
@@ -109,7 +109,8 @@ impl FastKalmanSettings {
         let extra = (self.residual.probes() as u64).max(covariance::OVERSAMPLING as u64);
         // The blocks, those of Q and their roots; the factors with the probes, and the factors of Q.
         let factors = self.factor_precision.bytes() * b * (2 * r + shared as u64 + extra);
-        let mut needed_bytes = 8 * 3 * blocks.matrices_len() as u64 + (factors as f64 * share) as u64;
+        let of_blocks = 8 * 3 * blocks.matrices_len() as u64;
+        let mut needed_bytes = ((of_blocks + factors) as f64 * share) as u64;
         if self.residual == Residual::Exact {
             // The propagator A, and A C as products and as a whole.
             needed_bytes += 8 * (m * m + 2 * m * b);

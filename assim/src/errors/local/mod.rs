@@ -207,7 +207,7 @@ impl LocalErrors {
         let mut factored = |covariance: &dyn Covariance, rank: usize| {
             let factors =
                 roots::leading_local_factors(covariance, &tiles, &state_supports, &scales, rank, &mut random)?;
-            let mut rest = BlockDiagonal::of(covariance, &blocks);
+            let mut rest = BlockDiagonal::of(covariance, &blocks, &problem.bands());
             let mut all = vec![0.0; blocks.variables()];
             rest.add_variances(&blocks, &mut all);
             add_to_blocks(&mut rest, &blocks, -1.0, &factors);
@@ -348,7 +348,7 @@ impl Errors for LocalErrors {
     fn recall(&mut self, memory: Memory, s: &Augmented) -> Result<(), Error> {
         let Frame { blocks, shared, supports, settings, .. } = &*self.frame;
         let (b, p) = (blocks.variables(), shared.len());
-        require(memory.own.values().len() == blocks.matrices_len(), "the covariance of the blocks")?;
+        require(memory.own.is_like(&self.memory.own), "the covariance of the blocks")?;
         let fits = memory.factors.len() == supports.len()
             && memory.factors.iter().zip(supports).all(|(factors, support)| {
                 factors.variables == *support
