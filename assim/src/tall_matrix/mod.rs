@@ -271,13 +271,51 @@ impl ColumnMut<'_> {
 }
 
 /// Which of this rank's rows one of all is, if it has it.
-pub(crate) fn own_row(bands: Option<&Bands>, row: usize) -> Option<usize> {
+fn own_row(bands: Option<&Bands>, row: usize) -> Option<usize> {
     bands.map_or(Some(row), |bands| bands.own_index(row))
 }
 
 #[cfg(test)]
 mod tests {
     use super::products::tests::{PRECISIONS, dense, random};
+    use super::{Precision, TallMatrix};
+    use std::io::{self, Write};
+
+    /// What was written, and the longest piece of it.
+    #[derive(Default)]
+    struct Pieces {
+        bytes: Vec<u8>,
+        longest: usize,
+    }
+
+    impl Write for Pieces {
+        fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+            self.longest = self.longest.max(bytes.len());
+            self.bytes.write(bytes)
+        }
+
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn a_matrix_is_saved_column_by_column_and_read_again() {
+        for (precision, _) in PRECISIONS {
+            let matrix = random(700, 5, 6, precision);
+            let mut saved = Pieces::default();
+            matrix.save(&mut saved).unwrap();
+            assert!(saved.longest <= 700 * precision.bytes() as usize + 8, "{} bytes at once", saved.longest);
+            let like = TallMatrix::zeros(700, 1, precision);
+            let again = like.read_like(&mut &saved.bytes[..]).unwrap();
+            assert!(dense(&again) == dense(&matrix) && again.precision() == precision);
+            assert!(like.read_like(&mut &saved.bytes[..saved.bytes.len() - 1]).is_err());
+            assert!(TallMatrix::zeros(699, 1, precision).read_like(&mut &saved.bytes[..]).is_err());
+        }
+        let mut saved = Vec::new();
+        random(9, 2, 6, Precision::Single).save(&mut saved).unwrap();
+        assert!(TallMatrix::zeros(9, 2, Precision::Double).read_like(&mut &saved[..]).is_err());
+    }
 
     #[test]
     fn columns_are_edited_added_and_taken_out_in_either_precision() {

@@ -38,9 +38,12 @@ impl TallMatrix {
         }
     }
 
-    /// Which of all rows one of this rank's is.
-    pub fn row_of(&self, own_row: usize) -> usize {
-        self.bands.as_ref().map_or(own_row, |bands| bands.index_of(own_row))
+    /// Which of all rows this rank has.
+    pub fn own_ranges(&self) -> Vec<Range<usize>> {
+        match &self.bands {
+            None => std::iter::once(0..self.rows).collect(),
+            Some(bands) => bands.own_ranges(self.rows / bands.own_cells().len()).collect(),
+        }
     }
 
     /// The rows of this rank of a vector of all rows.

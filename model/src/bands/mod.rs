@@ -86,10 +86,10 @@ impl Bands {
         own.contains(&cell).then(|| field * own.len() + cell - own.start)
     }
 
-    /// Where a value of this rank's part of fields `[field, y, x]` is in the whole: the inverse of [`Bands::own_index`].
-    pub fn index_of(&self, own_index: usize) -> usize {
-        let own = self.own_cells();
-        own_index / own.len() * self.grid.cells() + own.start + own_index % own.len()
+    /// Where this rank's part of fields `[field, y, x]` is in the whole, a range of each field.
+    pub fn own_ranges(&self, fields: usize) -> impl Iterator<Item = Range<usize>> {
+        let (cells, Range { start, end }) = (self.grid.cells(), self.own_cells());
+        (0..fields).map(move |field| field * cells + start..field * cells + end)
     }
 
     /// This rank's part of fields `[field, y, x]`.

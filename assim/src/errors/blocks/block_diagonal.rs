@@ -6,7 +6,7 @@ use crate::covariance::{self, Covariance};
 use crate::error::Error;
 use crate::linalg::add_product;
 use crate::memory::{read, require, write};
-use crate::tall_matrix::{own_row, stored};
+use crate::tall_matrix::stored;
 use faer::{Mat, MatMut, MatRef};
 use isobar_model::{Bands, Stored};
 use rayon::prelude::*;
@@ -160,10 +160,14 @@ impl BlockDiagonal {
 
     /// C_k += sign Φ_k Φ_kᵀ, the block diagonal of what the factors hold.
     pub fn add_factors(&mut self, blocks: &Blocks, sign: f64, factors: &Factors) {
-        let (m, own_rows, bands) = (factors.state.rows(), factors.state.own_rows(), factors.state.bands());
+        let (m, own_rows) = (factors.state.rows(), factors.state.own_rows());
         // Where each variable is among the rows of this rank; nowhere in particular if it is elsewhere, as is its block.
-        let place = |variable| own_row(bands, variable).unwrap_or(0) as u32;
-        let places: Option<Vec<u32>> = bands.map(|_| (0..m).into_par_iter().map(place).collect());
+        let places: Option<Vec<u32>> = factors.state.bands().map(|_| {
+            let mut places = vec![0; m];
+            let own = factors.state.own_ranges().into_iter().flatten();
+            own.enumerate().for_each(|(place, variable)| places[variable] = place as u32);
+            places
+        });
         self.for_each_chunk(blocks, |first, matrices| {
             for_each_matrix(blocks, first, matrices, |block, own| {
                 let (members, size) = (blocks.members(block), blocks.size(block));

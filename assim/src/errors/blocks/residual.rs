@@ -9,6 +9,7 @@ use isobar_model::Layout;
 use isobar_model::random::standard_normals;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Advances columns, and with them the blocks: C_k ← ρ_i ρ_j C_k, where ρ is what probes keep of their size.
 /// `advance` finds them behind the columns. Without probes the blocks persist.
@@ -59,7 +60,7 @@ fn draw_probes(
             let (root, first) = (roots.block(blocks, block), blocks.position(variable) - row);
             (0..=row).map(|j| root[(row, j)] * normals[first + j]).sum()
         };
-        let own: Vec<f64> = (0..columns.own_rows()).into_par_iter().map(|row| draw(columns.row_of(row))).collect();
+        let own: Vec<f64> = columns.own_ranges().into_par_iter().flat_map(Range::into_par_iter).map(draw).collect();
         columns.edit_own_column(number, |column| column.copy_from_slice(&own));
     }
 }
