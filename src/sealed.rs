@@ -31,7 +31,7 @@ pub struct Format {
     pub number: u32,
 }
 
-/// What a file, or something like it, holds.
+/// What a file holds, or the bytes of one.
 #[derive(Debug)]
 pub struct Contents<T, F> {
     /// The head.

@@ -31,7 +31,7 @@ pub trait Assimilator: Send {
     fn boxed_clone(&self) -> Box<dyn Assimilator>;
 
     /// Everything that the next cycles depend on and that problem and settings do not contain: estimates, covariances,
-    /// positions in random streams. What is written is found by its own end: [`Assimilator::recall`] reads no more.
+    /// positions in random streams. What is written says itself where it ends: other things may follow.
     ///
     /// Where several ranks compute a run, all of them call this, and only what rank 0 writes is complete.
     ///

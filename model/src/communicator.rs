@@ -26,6 +26,12 @@ pub trait Communicator: Send + Sync {
         self.exchange(all.iter().map(|&rank| (rank, own.to_vec())).collect(), &all)
     }
 
+    /// The numbers of each rank, in the order of ranks, on rank 0; nothing on the others.
+    fn gather_to_first(&self, own: Vec<f64>) -> Vec<Vec<f64>> {
+        let all: Vec<usize> = (0..self.ranks()).collect();
+        self.exchange(vec![(0, own)], if self.rank() == 0 { &all } else { &[] })
+    }
+
     /// Replaces each value by its sum over the ranks, with the same bits on all.
     fn sum(&self, values: &mut [f64]) {
         let all = self.gather_all(values);

@@ -258,7 +258,8 @@ impl Runner {
         &self.progress
     }
 
-    /// Sets a method that has just been built back to its memory, all that is read, and its progress in a checkpoint.
+    /// Sets a method that has just been built back to its memory, which must be all that there is to read, and its progress in a
+    /// checkpoint.
     ///
     /// # Errors
     /// Those of the method, if it is of another one.

@@ -135,10 +135,8 @@ impl Bands {
             return own;
         }
         let fields = own.len() / self.own_cells().len();
-        let all: Vec<usize> = (0..self.communicator.ranks()).collect();
-        let is_first = self.communicator.rank() == 0;
-        let parts = self.communicator.exchange(vec![(0, own)], if is_first { &all } else { &[] });
-        if is_first { self.join(fields, &parts) } else { Vec::new() }
+        let parts = self.communicator.gather_to_first(own);
+        if self.communicator.rank() == 0 { self.join(fields, &parts) } else { Vec::new() }
     }
 
     /// The whole fields of the parts of all ranks.

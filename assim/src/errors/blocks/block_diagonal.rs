@@ -249,9 +249,7 @@ impl BlockDiagonal {
         if bands.is_whole() {
             return write(&self.values, to);
         }
-        let ranks: Vec<usize> = (0..bands.communicator().ranks()).collect();
-        let sources = if bands.communicator().rank() == 0 { &ranks[..] } else { &[] };
-        write(&bands.communicator().exchange(vec![(0, self.values.clone())], sources).concat(), to)
+        write(&bands.communicator().gather_to_first(self.values.clone()).concat(), to)
     }
 
     /// This rank's blocks of those that [`BlockDiagonal::save`] has written.
