@@ -6,7 +6,7 @@ use crate::output::SinkError;
 use crate::output::directory::{CHECKPOINT_PREFIX, checkpoints};
 use crate::run::experiment::Experiment;
 use crate::safe_file::sync_directory;
-use crate::sealed::{Format, Memories};
+use crate::sealed::{Contents, Format, Memories};
 use crate::text::clean;
 use std::fs::{self, File};
 use std::io::Cursor;
@@ -50,16 +50,16 @@ pub fn put_aside(path: &Path) {
 ///
 /// # Errors
 /// In words, if it is damaged or was written by another version.
-pub fn read(path: &Path) -> Result<(Checkpoint, Memories<File>), String> {
-    FORMAT.read(path).map(|contents| (contents.head, contents.memories))
+pub fn read(path: &Path) -> Result<Contents<Checkpoint, File>, String> {
+    FORMAT.read(path)
 }
 
 /// A checkpoint from the bytes of its file.
 ///
 /// # Errors
 /// As [`read`].
-pub fn parse(bytes: &[u8]) -> Result<(Checkpoint, Memories<Cursor<&[u8]>>), String> {
-    FORMAT.parse(bytes).map(|contents| (contents.head, contents.memories))
+pub fn parse(bytes: &[u8]) -> Result<Contents<Checkpoint, Cursor<&[u8]>>, String> {
+    FORMAT.parse(bytes)
 }
 
 /// The newest checkpoint that can be used, and those that cannot.
@@ -79,11 +79,11 @@ pub struct Newest {
 pub fn newest(working: &Path, plan: &Plan) -> Result<Newest, String> {
     let mut damaged = Vec::new();
     for (_, path) in checkpoints(working) {
-        match read(&path).and_then(|(checkpoint, memories)| match plan.difference(&checkpoint.plan) {
-            None => Ok((checkpoint, memories)),
+        match read(&path).and_then(|contents| match plan.difference(&contents.head.plan) {
+            None => Ok(contents),
             Some(difference) => Err(difference),
         }) {
-            Ok((checkpoint, memories)) => return Ok(Newest { checkpoint, memories, damaged }),
+            Ok(Contents { head: checkpoint, memories, .. }) => return Ok(Newest { checkpoint, memories, damaged }),
             Err(reason) => damaged.push((path, reason)),
         }
     }

@@ -71,8 +71,8 @@ fuzz_target!(|bytes: &[u8]| {
     let contents = if first % 2 == 0 { rest.to_vec() } else { changed(rest) };
     let mut sealed = REAL.with(|real| [&real.0[..], &contents].concat());
     sealed.extend(crc32fast::hash(&sealed).to_le_bytes());
-    if let Ok((checkpoint, mut memories)) = parse(&sealed) {
-        EXPERIMENT.with_borrow_mut(|experiment| drop(checkpoint.restore(&mut memories, experiment)));
+    if let Ok(mut contents) = parse(&sealed) {
+        EXPERIMENT.with_borrow_mut(|experiment| drop(contents.head.restore(&mut contents.memories, experiment)));
     } else {
         // Nothing but a change can make a real one unreadable.
         assert!(first % 2 == 0 || !rest.is_empty());
