@@ -206,16 +206,22 @@ impl BlockDiagonal {
         });
     }
 
-    /// Sets the row and column of a variable to zero.
-    pub fn clear(&mut self, blocks: &Blocks, variable: usize) {
+    /// Applies `work` to the block of a variable and the variable's position in it, if this rank has the block.
+    pub fn edit(&mut self, blocks: &Blocks, variable: usize, work: impl FnOnce(MatMut<'_, f64>, usize)) {
         let (block, position) = blocks.place(variable);
-        clear(self.block_mut(blocks, block), position);
+        if self.own.contains(&block) {
+            work(self.block_mut(blocks, block), position);
+        }
     }
 
-    /// Multiplies the row and the column of a variable.
+    /// Sets the row and column of a variable to zero, if this rank has its block.
+    pub fn clear(&mut self, blocks: &Blocks, variable: usize) {
+        self.edit(blocks, variable, clear);
+    }
+
+    /// Multiplies the row and the column of a variable, if this rank has its block.
     pub fn scale(&mut self, blocks: &Blocks, variable: usize, factor: f64) {
-        let (block, position) = blocks.place(variable);
-        scale_row_and_column(self.block_mut(blocks, block), position, factor);
+        self.edit(blocks, variable, |matrix, position| scale_row_and_column(matrix, position, factor));
     }
 
     /// Sets to zero the rows and columns of variables whose variance is at most `share` of what it was taken from: a difference

@@ -82,9 +82,7 @@ impl BlockErrors {
         let FactoredCovariance { own, linked, factors } = &mut self.memory.covariance;
         frame.decay(kept, factors);
         for (i, &number) in frame.local.iter().enumerate() {
-            if own.own().contains(&frame.blocks.place(m + i).0) {
-                own.scale(&frame.blocks, m + i, kept[number]);
-            }
+            own.scale(&frame.blocks, m + i, kept[number]);
             for Patch { variables, covariance } in linked.iter_mut() {
                 if let Ok(place) = variables.binary_search(&(m + i)) {
                     scale_row_and_column(covariance.as_mut(), place, kept[number]);
@@ -142,12 +140,9 @@ impl BlockErrors {
         self.memory.covariance.linked.clear();
         for i in shared..p {
             let variance = (shared..=i).map(|j| root[(i, j)].powi(2)).sum();
-            let (block, position) = frame.blocks.place(m + i - shared);
             let own = &mut self.memory.covariance.own;
-            if own.own().contains(&block) {
-                own.clear(&frame.blocks, m + i - shared);
-                own.block_mut(&frame.blocks, block)[(position, position)] = variance;
-            }
+            own.clear(&frame.blocks, m + i - shared);
+            own.edit(&frame.blocks, m + i - shared, |mut matrix, position| matrix[(position, position)] = variance);
         }
         Ok(())
     }

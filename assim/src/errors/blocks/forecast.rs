@@ -55,10 +55,9 @@ impl BlockErrors {
             covariance.own.add(&model_error.blocks);
         }
         for (number, sigma) in drift(&frame.local).iter().enumerate() {
-            let (block, position) = frame.blocks.place(m + number);
-            if covariance.own.own().contains(&block) {
-                covariance.own.block_mut(&frame.blocks, block)[(position, position)] += sigma * sigma;
-            }
+            covariance.own.edit(&frame.blocks, m + number, |mut matrix, position| {
+                matrix[(position, position)] += sigma * sigma;
+            });
         }
         let drift = drift(&frame.shared);
         if frame.settings.bias_coupling == BiasCoupling::Drop {

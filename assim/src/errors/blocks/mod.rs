@@ -242,9 +242,11 @@ impl BlockErrors {
         // What the factors hold of it has just been taken out.
         for (i, &number) in local.iter().enumerate() {
             for (j, &other) in local.iter().enumerate() {
-                let ((block, row), (of_other, column)) = (blocks.place(m + i), blocks.place(m + j));
-                if block == of_other && own.own().contains(&block) {
-                    own.block_mut(&blocks, block)[(row, column)] += calibration.prior_covariance(number, other);
+                let ((block, _), (of_other, column)) = (blocks.place(m + i), blocks.place(m + j));
+                if block == of_other {
+                    own.edit(&blocks, m + i, |mut matrix, row| {
+                        matrix[(row, column)] += calibration.prior_covariance(number, other);
+                    });
                 }
             }
         }
